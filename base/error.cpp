@@ -1,0 +1,123 @@
+#include "base/error.h"
+
+#include <cstdio>
+#include <mutex>
+#include <set>
+
+#include "base/log.h"
+
+namespace fr {
+namespace {
+
+struct Reporter {
+  std::mutex mutex;
+  std::set<std::string, std::less<>> seen;
+  std::function<void(const Error&)> sink;
+  std::atomic<ErrorMode> mode{ErrorMode::kPrint};
+  std::atomic<int> last{0};
+  std::atomic<int> counts[4]{};
+  std::atomic<bool> abort{false};
+};
+Reporter& reporter() {
+  static Reporter* r = new Reporter;  // never destroyed: threads may report until the very end
+  return *r;
+}
+
+}  // namespace
+
+const char* riErrorName(RiError code) {
+  switch (code) {
+    case RiError::kNone: return "RIE_NOERROR";
+    case RiError::kNoMem: return "RIE_NOMEM";
+    case RiError::kSystem: return "RIE_SYSTEM";
+    case RiError::kNoFile: return "RIE_NOFILE";
+    case RiError::kBadFile: return "RIE_BADFILE";
+    case RiError::kVersion: return "RIE_VERSION";
+    case RiError::kDiskFull: return "RIE_DISKFULL";
+    case RiError::kIncapable: return "RIE_INCAPABLE";
+    case RiError::kUnimplemented: return "RIE_UNIMPLEMENT";
+    case RiError::kLimit: return "RIE_LIMIT";
+    case RiError::kBug: return "RIE_BUG";
+    case RiError::kNotStarted: return "RIE_NOTSTARTED";
+    case RiError::kNesting: return "RIE_NESTING";
+    case RiError::kNotOptions: return "RIE_NOTOPTIONS";
+    case RiError::kNotAttributes: return "RIE_NOTATTRIBS";
+    case RiError::kNotPrimitives: return "RIE_NOTPRIMS";
+    case RiError::kIllState: return "RIE_ILLSTATE";
+    case RiError::kBadMotion: return "RIE_BADMOTION";
+    case RiError::kBadSolid: return "RIE_BADSOLID";
+    case RiError::kBadToken: return "RIE_BADTOKEN";
+    case RiError::kRange: return "RIE_RANGE";
+    case RiError::kConsistency: return "RIE_CONSISTENCY";
+    case RiError::kBadHandle: return "RIE_BADHANDLE";
+    case RiError::kNoShader: return "RIE_NOSHADER";
+    case RiError::kMissingData: return "RIE_MISSINGDATA";
+    case RiError::kSyntax: return "RIE_SYNTAX";
+    case RiError::kMath: return "RIE_MATH";
+  }
+  return "RIE_UNKNOWN";
+}
+
+std::string SourceLocation::str() const {
+  if (file.empty()) return {};
+  if (line <= 0) return file;
+  if (column <= 0) return fmt::format("{}:{}", file, line);
+  return fmt::format("{}:{}:{}", file, line, column);
+}
+
+std::string Error::str() const {
+  static constexpr const char* kNames[] = {"info", "warning", "error", "severe"};
+  const std::string place = where.str();
+  return fmt::format("{}{}{}: {} [{}]", place, place.empty() ? "" : ": ", kNames[int(severity)], message,
+                     riErrorName(code));
+}
+
+void report(const Error& e) {
+  Reporter& r = reporter();
+  r.last = int(e.code);
+  r.counts[int(e.severity)]++;
+  const ErrorMode mode = r.mode;
+  if (mode == ErrorMode::kAbort && e.severity >= Severity::kError) r.abort = true;
+  std::lock_guard lock(r.mutex);
+  if (r.sink) {
+    r.sink(e);
+  } else if (mode != ErrorMode::kIgnore) {
+    logMessage(e.severity, e.str());
+  }
+}
+
+void reportOnce(std::string_view key, const Error& e) {
+  Reporter& r = reporter();
+  {
+    std::lock_guard lock(r.mutex);
+    if (r.seen.size() > 10000 || !r.seen.emplace(key).second) return;
+  }
+  report(e);
+}
+
+void setErrorMode(ErrorMode mode) { reporter().mode = mode; }
+ErrorMode errorMode() { return reporter().mode; }
+RiError lastError() { return RiError(reporter().last.load()); }
+int reportCount(Severity s) {
+  int n = 0;
+  for (int i = int(s); i < 4; ++i) n += reporter().counts[i];
+  return n;
+}
+bool abortRequested() { return reporter().abort; }
+
+void setReportSink(std::function<void(const Error&)> sink) {
+  Reporter& r = reporter();
+  std::lock_guard lock(r.mutex);
+  r.sink = std::move(sink);
+  r.seen.clear();
+  r.last = 0;
+  r.abort = false;
+  for (auto& c : r.counts) c = 0;
+}
+
+void checkFailed(const char* file, int line, const char* expr, const std::string& what) {
+  std::fprintf(stderr, "%s:%d: internal error: check failed: %s %s\n", file, line, expr, what.c_str());
+  std::abort();
+}
+
+}  // namespace fr

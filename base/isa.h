@@ -1,0 +1,12 @@
+// Which instruction set the kernels run on: chosen once, at first use.
+#pragma once
+
+namespace fr {
+
+enum class Isa { kSse4 = 0, kAvx2 = 1, kAvx512 = 2 };
+
+/// The best set this CPU has, unless FRANKENRENDER_ISA (sse4, avx2, avx512) asks for a lower one.
+Isa currentIsa();
+const char* isaName(Isa isa);
+
+}  // namespace fr
