@@ -1,0 +1,57 @@
+// A batch of ray questions and the place for their answers: what travels through the rings.
+//
+// Structure of arrays. Everything spatial is in cache space (scene_cache/cache.h). Trivially copyable: it lives in shared
+// memory, and whoever reads it checks every field.
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+
+#include "base/math.h"
+
+namespace fr {
+
+inline constexpr uint32_t kMaxRays = 1024;
+
+/// What is asked of every ray of a batch.
+enum class RayKind : uint32_t {
+  kTrace,       // color, hitDistance
+  kVisibility,  // color: 1 clear ... 0 opaque, between origin and origin + direction (t in [0,1])
+  kHitTest,     // hitDistance (1e38 on a miss), hitP, hitN
+  kFullTrace,   // all; hitDistance 1e30 on a miss; missDepth, missP, missR
+};
+
+/// Input arrays are written by the client, output arrays by the oracle. Only [0, count) is meaningful.
+struct RayQuery {
+  RayKind kind;
+  uint32_t count;
+  uint32_t level;      // ray level of these rays: 1 for rays asked by camera-visible points
+  uint32_t label;      // StringId of the trace label, 0: none
+  uint64_t reserved[6];
+
+  float origin[3][kMaxRays];
+  float direction[3][kMaxRays];  // need not be unit; kVisibility: to - from
+  float time[kMaxRays];          // 0..1 within the shutter
+  float radius[kMaxRays];        // footprint at the origin
+  float spread[kMaxRays];        // growth of the footprint's radius per unit of distance
+  float normal[3][kMaxRays];     // geometric normal (unit, oriented) at the start point; 0: does not start on a surface
+  uint32_t node[kMaxRays];       // patch the ray starts on, cache::kNone: none
+  uint32_t cell[kMaxRays];
+  float u[kMaxRays], v[kMaxRays];
+  uint64_t seed[kMaxRays];       // path of counter-based random numbers
+  uint32_t importance[kMaxRays]; // weight as float bits; reserved for pruning
+
+  float color[3][kMaxRays];
+  float hitDistance[kMaxRays];
+  float hitP[3][kMaxRays];
+  float hitN[3][kMaxRays];
+  float missP[3][kMaxRays];
+  float missR[3][kMaxRays];
+  float missDepth[kMaxRays];  // depth of the deepest ray that missed everything, 0: none missed
+};
+static_assert(std::is_trivially_copyable_v<RayQuery> && std::is_standard_layout_v<RayQuery>);
+
+inline constexpr float kNoHit = 1.0e38f;           // rayhittest
+inline constexpr float kNoHitFullTrace = 1.0e30f;  // fulltrace
+
+}  // namespace fr
