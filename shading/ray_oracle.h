@@ -1,0 +1,36 @@
+// Who answers ray questions. One interface for every transport; the answers are bit-identical.
+#pragma once
+
+#include <memory>
+
+#include "base/error.h"
+#include "shading/ray_query.h"
+
+namespace fr {
+
+/// A client thread's line to the oracle. Not thread-safe: one per thread.
+///
+/// A block is acquired, filled, submitted, answered, read and released. Several blocks may be in flight.
+class RayOracle {
+ public:
+  virtual ~RayOracle() = default;
+  /// A block to fill, or nullptr when all are in flight (wait for one, then release it).
+  virtual RayQuery* acquire() = 0;
+  /// Hands a filled block over. Errors: the oracle is gone (kSystem).
+  virtual Result<void> submit(RayQuery* q) = 0;
+  /// True once the answers stand in the block.
+  virtual bool answered(const RayQuery* q) const = 0;
+  /// Returns when at least one submitted, unreleased block is answered. Errors: the oracle is gone; never hangs.
+  virtual Result<void> wait() = 0;
+  virtual void release(RayQuery* q) = 0;
+};
+
+/// Opens lines. connect() is thread-safe.
+/// The oracle itself (process, BVH) is started by the first connection or question, not before.
+class RayOracleService {
+ public:
+  virtual ~RayOracleService() = default;
+  virtual Result<std::unique_ptr<RayOracle>> connect() = 0;
+};
+
+}  // namespace fr
