@@ -17,6 +17,11 @@
 
 namespace fr::cache {
 
+/// Hash of the sizes and member offsets of every record in format.h: two builds that disagree refuse each other.
+uint64_t layoutFingerprint();
+/// What SkeletonHeader::checksum holds in a file: XXH3-64 of everything after the header.
+uint64_t skeletonChecksum(std::span<const std::byte> skeleton);
+
 /// A validated, read-only skeleton. Cheap to copy; does not own the bytes. All spans have been checked once, by
 /// open(); indices found inside records (AttributeId, ShaderId, ...) are in range or kNone. Thread-safe.
 class Skeleton {
