@@ -7,7 +7,8 @@
 
 add_library(fr_options INTERFACE)
 target_compile_features(fr_options INTERFACE cxx_std_20)
-target_include_directories(fr_options INTERFACE ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/generated)
+target_include_directories(fr_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>
+                           $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/frankenrender>)
 # No contraction: shared edges and both processes must get the same bits from the same expression,
 # wherever it was inlined.
 target_compile_options(fr_options INTERFACE -ffp-contract=off -fno-math-errno -fno-trapping-math)
@@ -25,11 +26,14 @@ if(FR_SANITIZE)
   target_link_options(fr_options INTERFACE -fsanitize=${FR_SANITIZE})
 endif()
 
+install(TARGETS fr_options fr_warnings EXPORT frankenrender)
+
 function(fr_library name)
   cmake_parse_arguments(A "" "" "SOURCES;DEPS;PRIVATE_DEPS" ${ARGN})
   add_library(${name} STATIC ${A_SOURCES})
   set_target_properties(${name} PROPERTIES POSITION_INDEPENDENT_CODE ON CXX_EXTENSIONS OFF)
   target_link_libraries(${name} PUBLIC fr_options ${A_DEPS} PRIVATE fr_warnings ${A_PRIVATE_DEPS})
+  install(TARGETS ${name} EXPORT frankenrender ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 endfunction()
 
 function(fr_program name)
@@ -38,6 +42,7 @@ function(fr_program name)
   set_target_properties(${name} PROPERTIES CXX_EXTENSIONS OFF
                         RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
   target_link_libraries(${name} PRIVATE fr_options fr_warnings ${A_DEPS})
+  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 endfunction()
 
 function(fr_test name)
