@@ -1,0 +1,446 @@
+#include "ri/lexer.h"
+
+#include <fast_float/fast_float.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+namespace fr::ri {
+namespace {
+
+constexpr size_t kWindow = size_t(256) << 10;
+
+enum CharClass : uint8_t { kWordChar = 0, kBlank = 1, kDelimiter = 2, kHigh = 3 };
+
+// A NUL byte counts as blank: padded files exist, and it is also the sentinel at the end of the window.
+constexpr std::array<uint8_t, 256> makeClasses() {
+  std::array<uint8_t, 256> c{};
+  for (int i = 128; i < 256; ++i) c[size_t(i)] = kHigh;
+  for (unsigned char b : {'\0', ' ', '\t', '\n', '\r', '\f', '\v'}) c[b] = kBlank;
+  for (unsigned char b : {'[', ']', '"', '#'}) c[b] = kDelimiter;
+  return c;
+}
+constexpr std::array<uint8_t, 256> kClass = makeClasses();
+inline uint8_t classOf(char c) { return kClass[static_cast<unsigned char>(c)]; }
+inline bool isDigit(char c) { return static_cast<unsigned>(c - '0') < 10u; }
+
+// "1.#INF", "-1.#IND", "1.#QNAN": what some C libraries print. `p` stands on the '#'.
+size_t microsoftNonFinite(const char* p, const char* end) {
+  size_t n = 1;
+  while (p + n < end && (std::isalnum(static_cast<unsigned char>(p[n])) != 0)) ++n;
+  const std::string_view word(p, n);
+  const bool known = word.starts_with("#INF") || word.starts_with("#IND") || word.starts_with("#QNAN") ||
+                     word.starts_with("#SNAN");
+  return known ? n : 0;
+}
+
+}  // namespace
+
+Lexer::Lexer(std::unique_ptr<Input> input, std::string name, int firstLine)
+    : input_(std::move(input)), name_(std::move(name)), tables_(std::make_shared<BinaryTables>()) {
+  capacity_ = kWindow;
+  buffer_ = std::make_unique<char[]>(capacity_ + 1);
+  cur_ = end_ = buffer_.get();
+  buffer_[0] = 0;
+  line_ = firstLine;
+  // A UTF-8 byte order mark is not a binary token.
+  while (end_ - cur_ < 3 && refill(cur_)) {
+  }
+  if (end_ - cur_ >= 3 && std::memcmp(cur_, "\xef\xbb\xbf", 3) == 0) cur_ += 3;
+}
+Lexer::~Lexer() = default;
+
+// Makes room and reads on. Bytes from `keep` on stay (at another address); cur_ keeps its meaning. False at
+// the end of the input.
+bool Lexer::refill(const char* keep) {
+  if (atEnd_) return false;
+  const size_t kept = size_t(end_ - keep);
+  const size_t ahead = size_t(cur_ - keep);
+  const uint64_t keptOffset = offsetOf(keep);
+  if (keep != buffer_.get()) {
+    if (tokenOffset_ < keptOffset) {
+      int line = 0, column = 0;
+      position(line, column);
+    }
+    countLines(keptOffset);
+    if (recording_ && recordFrom_ < keptOffset) {
+      recorded_.append(buffer_.get() + (recordFrom_ - base_), size_t(keptOffset - recordFrom_));
+      recordFrom_ = keptOffset;
+    }
+    std::memmove(buffer_.get(), keep, kept);
+    base_ = keptOffset;
+  }
+  if (kept == capacity_) {  // one token fills the window; the input has given as many bytes as we ask for now
+    auto bigger = std::make_unique<char[]>(capacity_ * 2 + 1);
+    std::memcpy(bigger.get(), buffer_.get(), kept);
+    capacity_ *= 2;
+    buffer_ = std::move(bigger);
+  }
+  Result<size_t> n = input_->read({buffer_.get() + kept, capacity_ - kept});
+  if (!n) inputError_ = n.error();
+  const size_t got = n ? *n : 0;
+  atEnd_ = got == 0;
+  cur_ = buffer_.get() + ahead;
+  end_ = buffer_.get() + kept + got;
+  buffer_[kept + got] = 0;
+  return !atEnd_;
+}
+
+// Line ends are LF, CR LF and CR alone.
+void Lexer::countLines(uint64_t upTo) const {
+  if (upTo <= counted_) return;
+  const char* p = buffer_.get() + (counted_ - base_);
+  const char* const stop = buffer_.get() + (upTo - base_);
+  for (; p < stop; ++p) {
+    if (*p == '\n') {
+      if (!afterReturn_) ++line_;
+      lineStart_ = offsetOf(p) + 1;
+      afterReturn_ = false;
+    } else if (*p == '\r') {
+      ++line_;
+      lineStart_ = offsetOf(p) + 1;
+      afterReturn_ = true;
+    } else {
+      afterReturn_ = false;
+    }
+  }
+  counted_ = upTo;
+}
+
+void Lexer::markToken() {
+  tokenOffset_ = offsetOf(cur_);
+  tokenLine_ = 0;
+}
+
+void Lexer::position(int& line, int& column) const {
+  if (tokenLine_ == 0) {
+    countLines(tokenOffset_);
+    tokenLine_ = line_;
+    tokenColumn_ = int(std::min<uint64_t>(tokenOffset_ - lineStart_ + 1, std::numeric_limits<int>::max()));
+  }
+  line = tokenLine_;
+  column = tokenColumn_;
+}
+
+SourceLocation Lexer::location() const {
+  SourceLocation l{name_, 0, 0};
+  position(l.line, l.column);
+  return l;
+}
+
+void Lexer::bad(std::string message) {
+  kind_ = TokenKind::kBad;
+  text_ = std::move(message);
+}
+
+void Lexer::advance() {
+  for (;;) {
+    while (classOf(*cur_) == kBlank) {
+      if (cur_ == end_) {
+        if (refill(cur_)) continue;
+        markToken();
+        kind_ = TokenKind::kEnd;
+        return;
+      }
+      ++cur_;
+    }
+    markToken();
+    const char c = *cur_;
+    switch (classOf(c)) {
+      case kDelimiter:
+        if (c == '[' || c == ']') {
+          ++cur_;
+          kind_ = c == '[' ? TokenKind::kArrayBegin : TokenKind::kArrayEnd;
+          return;
+        }
+        if (c == '"') return lexString();
+        if (lexComment()) return;
+        continue;
+      case kHigh:
+        if (lexBinary(static_cast<unsigned char>(c))) return;
+        continue;
+      default:
+        if (isDigit(c) || c == '-' || c == '+' || c == '.') return lexNumber();
+        return lexWord();
+    }
+  }
+}
+
+// True when the comment is to be seen by the reader.
+bool Lexer::lexComment() {
+  ++cur_;
+  if (cur_ == end_) refill(cur_);
+  const bool structure = *cur_ == '#';
+  if (structure) ++cur_;
+  const bool wanted = structure || keepComments_;
+  text_.clear();
+  for (;;) {
+    const char* p = cur_;
+    while (p < end_ && *p != '\n' && *p != '\r') ++p;
+    if (wanted) text_.append(cur_, p);
+    cur_ = p;
+    if (p < end_ || !refill(p)) break;
+  }
+  kind_ = structure ? TokenKind::kStructure : TokenKind::kComment;
+  return wanted;
+}
+
+void Lexer::lexWord() {
+  const char* p = cur_;
+  for (;;) {
+    while (classOf(*p) == kWordChar) ++p;
+    if (p < end_) break;
+    const size_t length = size_t(p - cur_);
+    if (!refill(cur_)) break;
+    p = cur_ + length;
+  }
+  text_.assign(cur_, p);
+  cur_ = p;
+  kind_ = TokenKind::kRequest;
+}
+
+void Lexer::lexString() {
+  ++cur_;
+  text_.clear();
+  for (;;) {
+    const char* p = cur_;
+    while (p < end_ && *p != '"' && *p != '\\') ++p;
+    text_.append(cur_, p);
+    cur_ = p;
+    if (p == end_) {
+      if (refill(p)) continue;
+      return bad("unterminated string");
+    }
+    ++cur_;
+    if (*p == '"') break;
+    lexEscape();
+  }
+  kind_ = TokenKind::kString;
+}
+
+// cur_ stands after a backslash inside a string. Unknown escapes stay as they are: paths of another system
+// are written without doubling their separators.
+void Lexer::lexEscape() {
+  if (end_ - cur_ < 3) {
+    while (end_ - cur_ < 3 && refill(cur_)) {
+    }
+    if (cur_ == end_) return;
+  }
+  const char c = *cur_++;
+  switch (c) {
+    case 'n':
+      text_ += '\n';
+      return;
+    case 'r':
+      text_ += '\r';
+      return;
+    case 't':
+      text_ += '\t';
+      return;
+    case 'b':
+      text_ += '\b';
+      return;
+    case 'f':
+      text_ += '\f';
+      return;
+    case '\\':
+    case '"':
+      text_ += c;
+      return;
+    case '\n':
+      return;
+    case '\r':
+      if (*cur_ == '\n') ++cur_;
+      return;
+    default:
+      break;
+  }
+  if (c < '0' || c > '7') {
+    text_ += '\\';
+    text_ += c;
+    return;
+  }
+  int value = c - '0';
+  for (int i = 0; i < 2 && *cur_ >= '0' && *cur_ <= '7'; ++i) value = value * 8 + (*cur_++ - '0');
+  text_ += char(value & 0xff);
+}
+
+void Lexer::lexNumber() {
+  const char* p = cur_;
+  bool real = false;
+  for (;;) {  // the longest run that can belong to a number
+    while (isDigit(*p) || *p == '-' || *p == '+' || *p == '.' || *p == 'e' || *p == 'E') {
+      real |= *p == '.' || *p == 'e' || *p == 'E';
+      ++p;
+    }
+    if (p < end_) break;
+    const size_t length = size_t(p - cur_);
+    if (!refill(cur_)) break;
+    p = cur_ + length;
+  }
+  const char* first = *cur_ == '+' ? cur_ + 1 : cur_;
+  const auto r = fast_float::from_chars(first, p, number_);
+  const bool complete = r.ptr == p && p > first && !(first > cur_ && *first == '-');
+  if (!complete || classOf(*p) == kWordChar) {
+    while (p < end_ && classOf(*p) == kWordChar) ++p;
+    bad(fmt::format("\"{}\" is not a number",
+                    std::string_view(cur_, size_t(std::min<ptrdiff_t>(p - cur_, 40)))));
+    cur_ = p;
+    return;
+  }
+  if (*p == '#') {
+    if (const size_t n = microsoftNonFinite(p, end_)) {
+      number_ =
+          p[3] == 'F' ? std::numeric_limits<double>::infinity() : std::numeric_limits<double>::quiet_NaN();
+      if (*cur_ == '-') number_ = -number_;
+      p += n;
+    }
+  }
+  nonFinite_ |= !std::isfinite(number_);
+  cur_ = p;
+  kind_ = TokenKind::kReal;
+  if (!real && number_ >= std::numeric_limits<int>::min() && number_ <= std::numeric_limits<int>::max()) {
+    kind_ = TokenKind::kInteger;
+    integer_ = int(number_);
+  }
+}
+
+namespace {
+
+inline bool endsNumber(char c) {
+  const uint8_t k = classOf(c);
+  return k == kBlank || c == ']' || k >= kDelimiter;
+}
+
+}  // namespace
+
+// Converts the number at p and moves p past it; the byte after it must be in the window. False leaves p.
+template <class T>
+bool Lexer::convertOne(const char*& p, std::vector<T>& to) {
+  const char* q = p;
+  if constexpr (std::is_same_v<T, int>) {
+    const bool negative = *q == '-';
+    if (negative || *q == '+') ++q;
+    const char* digits = q;
+    int64_t v = 0;
+    while (isDigit(*q) && q - digits < 11) v = v * 10 + (*q++ - '0');
+    if (negative) v = -v;
+    if (q > digits && endsNumber(*q) && *q != '#' && v >= std::numeric_limits<int>::min() &&
+        v <= std::numeric_limits<int>::max()) {
+      to.push_back(int(v));
+      p = q;
+      return true;
+    }
+    double d = 0;
+    const auto r = fast_float::from_chars(p, end_, d);
+    if (r.ptr == p || !endsNumber(*r.ptr) || !(std::abs(d) <= 2147483647.0) || d != std::floor(d))
+      return false;
+    to.push_back(int(d));
+    p = r.ptr;
+    return true;
+  } else {
+    if (*q == '+') ++q;
+    if (q > p && !isDigit(*q) && *q != '.') return false;
+    T v = 0;
+    const auto r = fast_float::from_chars(q, end_, v);
+    if (r.ptr == q || !endsNumber(*r.ptr)) return false;
+    q = r.ptr;
+    if (!std::isfinite(v)) nonFinite_ = true;
+    if (*q == '#') {
+      if (const size_t n = microsoftNonFinite(q, end_)) {
+        v = q[3] == 'F' ? std::numeric_limits<T>::infinity() : std::numeric_limits<T>::quiet_NaN();
+        q += n;
+        nonFinite_ = true;
+      }
+    }
+    to.push_back(v);
+    p = q;
+    return true;
+  }
+}
+
+template <class T>
+bool Lexer::readNumbersAs(std::vector<T>& to) {
+  // Numbers are shorter than this; nearer to the end of the window more is read first, so that a number is
+  // never cut in two.
+  constexpr ptrdiff_t kLongest = 512;
+  for (;;) {
+    const char* p = cur_;
+    const char* const safe = end_ - kLongest;
+    while (p < safe) {  // the fast path
+      const char c = *p;
+      if (classOf(c) == kBlank) {
+        ++p;
+        continue;
+      }
+      if (classOf(c) != kWordChar || !convertOne(p, to)) break;
+    }
+    cur_ = p;
+    if (p >= safe && !atEnd_) {
+      refill(p);
+      continue;
+    }
+    // Anything else goes the slow way, one token at a time.
+    if (*p == ']' && p < end_) {
+      ++cur_;
+      advance();
+      return true;
+    }
+    if (p < end_ && (classOf(*p) == kBlank || (classOf(*p) == kWordChar && convertOne(cur_, to)))) {
+      if (classOf(*p) == kBlank) ++cur_;
+      continue;
+    }
+    advance();
+    switch (kind_) {
+      case TokenKind::kArrayEnd:
+        advance();
+        return true;
+      case TokenKind::kStructure:
+      case TokenKind::kComment:
+        continue;
+      case TokenKind::kInteger:
+      case TokenKind::kReal:
+        if constexpr (std::is_same_v<T, int>) {
+          if (kind_ == TokenKind::kReal &&
+              (number_ != std::floor(number_) || std::abs(number_) > 2147483647.0)) {
+            return false;
+          }
+        }
+        to.push_back(T(number_));
+        continue;
+      default:
+        return false;
+    }
+  }
+}
+
+bool Lexer::readNumbers(std::vector<float>& to) { return readNumbersAs(to); }
+bool Lexer::readNumbers(std::vector<double>& to) { return readNumbersAs(to); }
+bool Lexer::readNumbers(std::vector<int>& to) { return readNumbersAs(to); }
+
+std::string Lexer::recordUntil(std::string_view begin, std::string_view end, int& firstLine) {
+  recording_ = true;
+  recorded_.clear();
+  recordFrom_ = offsetOf(cur_);
+  countLines(recordFrom_);
+  firstLine = line_;
+  int depth = 0;
+  for (;;) {
+    advance();
+    if (kind_ == TokenKind::kEnd) break;
+    if (kind_ != TokenKind::kRequest) continue;
+    if (text_ == begin) ++depth;
+    if (text_ == end && depth-- == 0) break;
+  }
+  recording_ = false;
+  // The request name stands in the window: words stay there until the next token.
+  if (recordFrom_ < tokenOffset_) {
+    recorded_.append(buffer_.get() + (recordFrom_ - base_), size_t(tokenOffset_ - recordFrom_));
+  }
+  return std::move(recorded_);
+}
+
+}  // namespace fr::ri

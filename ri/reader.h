@@ -1,0 +1,71 @@
+// Reads RIB and calls a Renderer: files, memory, standard input; archives, inline archives, conditional RIB.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/error.h"
+#include "ri/lexer.h"
+#include "ri/renderer.h"
+
+namespace fr::ri {
+
+struct ReaderOptions {
+  /// Folders searched for archives after those of Option "searchpath" "archive".
+  std::vector<std::string> archivePath;
+  /// False: ReadArchive and inline archives are passed to the renderer as requests (RIB to RIB).
+  bool expandArchives = true;
+  /// False: the branches of conditional RIB are all read.
+  bool evaluateConditions = true;
+  /// Pass "#" comments to archiveRecord too.
+  bool keepComments = false;
+  /// Archives within archives; beyond it kLimit.
+  int maxArchiveDepth = 64;
+};
+
+/// A text recorded by ArchiveBegin ... ArchiveEnd.
+struct InlineArchive {
+  std::string text;
+  std::string file;  // where it was recorded, for messages
+  int firstLine = 1;
+  std::shared_ptr<BinaryTables> tables;
+};
+
+/// Feeds one renderer. Keep the reader for the whole session: procedurals read further archives through
+/// it later, with the inline archives and options of the first file. Not thread-safe.
+///
+/// Every problem inside a file is report()ed with its place and reading goes on: a bad request is skipped up
+/// to the next request name. The functions fail only when the file cannot be opened (kNoFile, kSystem), when
+/// archives are nested too deep or in a loop, or when the error handler "abort" was triggered.
+class Reader {
+ public:
+  explicit Reader(Renderer& renderer, ReaderOptions options = {});
+  ~Reader();
+
+  Result<void> readFile(const std::string& path);
+  Result<void> readStdin();
+  /// `name` stands for the file in messages.
+  Result<void> readBuffer(std::string_view text, std::string name = "<memory>");
+  /// Until the end or byte 0377: output of a RunProgram procedural.
+  Result<void> readDescriptor(int fd, std::string name);
+  /// As the request ReadArchive: an inline archive of that name, or a file found along the search path.
+  Result<void> readArchive(const std::string& name);
+
+  const ReaderOptions& options() const { return options_; }
+
+ private:
+  friend class RequestParser;
+  Result<void> run(Lexer& lexer);
+
+  Renderer& renderer_;
+  ReaderOptions options_;
+  std::map<std::string, std::shared_ptr<InlineArchive>, std::less<>> inlineArchives_;
+  std::vector<std::string> open_;  // canonical names of what is being read, outermost first
+  std::set<std::string, std::less<>> warned_;
+};
+
+}  // namespace fr::ri
