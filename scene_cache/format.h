@@ -102,7 +102,7 @@ struct NamedSpaceRecord {
   TransformId transform;  // that space -> world
 };
 
-enum class CastsShadows : uint8_t { kNone, kOpaque, kOs, kShade };
+enum class CastsShadows : uint8_t { kNever, kOpaque, kOs, kShade };
 
 inline constexpr uint32_t kVisibleCamera = 1, kVisibleReflection = 2, kVisibleShadow = 4;
 inline constexpr uint32_t kForReyes = 1, kForTracer = 2;
