@@ -1,0 +1,67 @@
+#include "imaging/display_mode.h"
+
+#include <gtest/gtest.h>
+
+#include "imaging/driver_search.h"
+
+namespace fr {
+namespace {
+
+std::string channelsOf(const std::string& mode) {
+  std::string s;
+  for (const auto& c : parseDisplayMode(mode).channels)
+    s += c.name + "=" + (c.variable.empty() ? "#" : c.variable) + std::to_string(c.component) + " ";
+  return s;
+}
+
+TEST(DisplayMode, RiModes) {
+  EXPECT_EQ(channelsOf("rgb"), "R=#0 G=#1 B=#2 ");
+  EXPECT_EQ(channelsOf("rgbaz"), "R=#0 G=#1 B=#2 A=#3 Z=#4 ");
+  EXPECT_EQ(channelsOf("rgbz"), "R=#0 G=#1 B=#2 Z=#4 ");
+  EXPECT_EQ(channelsOf("a"), "A=#3 ");
+  EXPECT_EQ(channelsOf("az"), "A=#3 Z=#4 ");
+  EXPECT_EQ(channelsOf("z"), "Z=#4 ");
+  EXPECT_EQ(channelsOf(""), channelsOf("rgba"));
+  EXPECT_EQ(channelsOf(" , "), channelsOf("rgba"));
+}
+
+TEST(DisplayMode, OutputVariables) {
+  EXPECT_EQ(channelsOf("N"), "R=N0 G=N1 B=N2 ");
+  EXPECT_EQ(channelsOf("varying float mask2"), "Y=mask20 ");
+  EXPECT_EQ(channelsOf("s"), "Y=s0 ");
+  EXPECT_EQ(channelsOf("Ci"), channelsOf("rgb"));
+  EXPECT_EQ(channelsOf("rgba,color diff"), channelsOf("rgba") + "diff.R=diff0 diff.G=diff1 diff.B=diff2 ");
+}
+
+TEST(DisplayType, NamesAndExtensions) {
+  const auto target = [](const std::string& type, const std::string& name) {
+    const DisplayTarget t = resolveDisplayType(type, name, {});
+    return t.driver + ":" + t.fileFormat + ":" + t.path;
+  };
+  EXPECT_EQ(target("file", "a.tif"), "oiio:tiff:a.tif");
+  EXPECT_EQ(target("file", "a.b/c"), "oiio:tiff:a.b/c");
+  EXPECT_EQ(target("file", "a.EXR"), "exr:openexr:a.EXR");
+  EXPECT_EQ(target("openexr", "x"), "exr:openexr:x");
+  EXPECT_EQ(target("tiff", "x.png"), "oiio:tiff:x.png");
+  EXPECT_EQ(target("zfile", "s.z"), "oiio:tiff:s.z");
+  EXPECT_TRUE(resolveDisplayType("zfile", "s.z", {}).isDepth);
+}
+
+TEST(DisplayType, WindowsBecomeFilesWithOneMessage) {
+  int messages = 0;
+  setReportSink([&](const Error&) { ++messages; });
+  EXPECT_EQ(resolveDisplayType("framebuffer", "untitled", {}).path, "untitled.tif");
+  EXPECT_EQ(resolveDisplayType("framebuffer", "b.png", {}).fileFormat, "png");
+  EXPECT_EQ(messages, 1);
+  EXPECT_EQ(resolveDisplayType("nosuchthing", "c", {}).driver, "oiio");
+  EXPECT_EQ(messages, 2);
+  setReportSink({});
+}
+
+TEST(DisplayDriver, MissingOrBadNamesAreErrors) {
+  EXPECT_FALSE(openDisplayDriver("nosuchdriver", displaySearchPath({"/tmp"})));
+  EXPECT_FALSE(openDisplayDriver("../../etc/x", displaySearchPath({})));
+}
+
+}  // namespace
+}  // namespace fr

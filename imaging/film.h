@@ -1,0 +1,85 @@
+// From samples to pixels: the filter step, for renderers that sample in tiles, in any order, on any thread.
+//
+// Each target pixel is the sum, over the source pixels in its filter's reach in raster order, of what the
+// samples of that source pixel contribute, divided by the sum of the weights. A source pixel's contributions
+// to the (2 reach + 1)^2 pixels around it are computed by the tile that holds it and stay in memory until all
+// tiles that need them are filtered. So an image depends neither on the order of tiles nor on their size, bit
+// for bit; and what is held does not grow with the number of samples.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "imaging/pixel_filter.h"
+#include "imaging/pixel_rect.h"
+
+namespace fr {
+
+/// Which samples a channel of the film is made of.
+enum class ChannelRule : uint8_t {
+  kFiltered,  // weighted mean
+  kMinimum,   // smallest sample of the pixel itself (depth)
+};
+
+/// The samples of one tile. Pixels in rows, the samples of a pixel side by side.
+struct TileSamples {
+  int samplesPerPixel = 0;
+  const float* x = nullptr;  // within the sample's pixel, [0, 1)
+  const float* y = nullptr;
+  const float* const* channels = nullptr;  // one array a channel
+};
+
+/// Finished pixels, channel by channel, rows of `rect`.
+struct FilmTile {
+  PixelRect rect;
+  std::vector<std::vector<float>> channels;
+};
+
+/// Thread safety: addTile() may be called by several threads, once per tile.
+class Film {
+ public:
+  using Emit = std::function<void(FilmTile&&)>;
+
+  /// `crop`: pixels of the image. Samples are wanted in crop grown by the filter's reach. tileSize is raised
+  /// to the reach.
+  Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::vector<ChannelRule> channels);
+  ~Film();
+  Film(const Film&) = delete;
+  Film& operator=(const Film&) = delete;
+
+  int tilesX() const { return tilesX_; }
+  int tilesY() const { return tilesY_; }
+  int tileCount() const { return tilesX_ * tilesY_; }
+  int tileSize() const { return tileSize_; }
+  /// All pixels that samples are wanted of.
+  const PixelRect& sampledRect() const { return sampled_; }
+  /// Those of tile `tile` (row by row from the top left). Never empty.
+  PixelRect tileRect(int tile) const;
+
+  /// Takes the samples of a tile; they are not needed afterwards. `emit` is called, on this thread, for every
+  /// tile whose pixels are now complete; together the tiles cover the crop, each pixel once.
+  void addTile(int tile, const TileSamples& samples, const Emit& emit);
+  /// Bytes held for neighbours now.
+  size_t bytesHeld() const { return bytesHeld_.load(std::memory_order_relaxed); }
+
+ private:
+  struct Splats;
+  std::unique_ptr<Splats> splat(const PixelRect& rect, const TileSamples& samples) const;
+  FilmTile gather(int tile) const;
+  template <class F>
+  void forNeighbours(int tile, F&& f) const;
+
+  PixelRect crop_, sampled_;
+  PixelFilter filter_;
+  std::vector<ChannelRule> rules_;
+  int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, minimumCount_ = 0;
+  std::vector<std::unique_ptr<Splats>> splats_;
+  std::unique_ptr<std::atomic<int>[]>
+      missing_;  // tiles of the neighbourhood (itself included) that have not come
+  std::unique_ptr<std::atomic<int>[]> users_;  // tiles of the neighbourhood that are not filtered
+  std::atomic<size_t> bytesHeld_{0};
+};
+
+}  // namespace fr

@@ -1,0 +1,114 @@
+#include "imaging/film.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <thread>
+
+#include "base/random.h"
+
+namespace fr {
+namespace {
+
+struct Image {
+  PixelRect rect;
+  std::vector<std::vector<float>> channels;
+  std::vector<int> times;  // how often each pixel came
+};
+
+/// Feeds a film with hashed sample positions and f(x, y) as values; order is a permutation by `seed`.
+template <class F>
+Image filterImage(const PixelRect& crop, const PixelFilter& filter, int tileSize, int spp, uint64_t seed,
+                  int threads, F&& f) {
+  Film film(crop, filter, tileSize, {ChannelRule::kFiltered, ChannelRule::kMinimum});
+  Image image{crop, std::vector<std::vector<float>>(2, std::vector<float>(size_t(crop.area()))),
+              std::vector<int>(size_t(crop.area()))};
+  std::mutex mutex;
+  std::vector<int> order(size_t(film.tileCount()));
+  for (int i = 0; i < film.tileCount(); ++i) order[size_t(i)] = i;
+  for (size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[hashStep(seed, i) % i]);
+  std::atomic<size_t> next{0};
+  const auto work = [&] {
+    for (size_t k; (k = next++) < order.size();) {
+      const int tile = order[k];
+      const PixelRect r = film.tileRect(tile);
+      std::vector<float> x, y, v;
+      for (int py = r.y0; py < r.y1; ++py)
+        for (int px = r.x0; px < r.x1; ++px)
+          for (int s = 0; s < spp; ++s) {
+            const uint64_t h = hashStep(hashStep(uint64_t(px + 1000), uint64_t(py + 1000)), uint64_t(s));
+            x.push_back(toUnitFloat64(h)), y.push_back(toUnitFloat64(mix64(h)));
+            v.push_back(f(float(px) + x.back(), float(py) + y.back()));
+          }
+      const float* channels[2] = {v.data(), v.data()};
+      film.addTile(tile, {spp, x.data(), y.data(), channels}, [&](FilmTile&& t) {
+        const std::lock_guard lock(mutex);
+        size_t i = 0;
+        for (int py = t.rect.y0; py < t.rect.y1; ++py)
+          for (int px = t.rect.x0; px < t.rect.x1; ++px, ++i) {
+            const size_t to = size_t(py - crop.y0) * size_t(crop.width()) + size_t(px - crop.x0);
+            image.times[to]++;
+            for (size_t c = 0; c < 2; ++c) image.channels[c][to] = t.channels[c][i];
+          }
+      });
+    }
+  };
+  std::vector<std::thread> pool;
+  for (int i = 1; i < threads; ++i) pool.emplace_back(work);
+  work();
+  for (auto& t : pool) t.join();
+  EXPECT_EQ(film.bytesHeld(), 0u);
+  return image;
+}
+
+TEST(Film, ConstantStaysConstantForEveryFilter) {
+  for (auto name : {"box", "triangle", "catmull-rom", "sinc", "gaussian", "mitchell", "disk", "bessel",
+                    "lanczos", "blackman-harris", "separable-catmull-rom"}) {
+    const Image i = filterImage({3, 5, 40, 31}, *PixelFilter::byName(name, 4, 3), 8, 9, 1, 1,
+                                [](float, float) { return 0.75f; });
+    for (float v : i.channels[0]) EXPECT_NEAR(v, 0.75f, 2e-5f) << name;
+    for (int t : i.times) EXPECT_EQ(t, 1) << name;
+  }
+}
+
+TEST(Film, SameBitsForAnyTileSizeOrderAndThreads) {
+  const auto f = [](float x, float y) { return std::sin(x * 0.7f) * std::cos(y * 1.3f) + 2; };
+  const PixelRect crop{-4, 2, 45, 39};
+  const PixelFilter filter(FilterKind::kGaussian, 3.5f, 2.5f);
+  const Image reference = filterImage(crop, filter, 64, 5, 1, 1, f);
+  for (int size : {2, 3, 7, 16, 32})
+    for (int threads : {1, 2, 5}) {
+      const Image i = filterImage(crop, filter, size, 5, uint64_t(size * threads), threads, f);
+      EXPECT_EQ(i.channels, reference.channels) << size << " " << threads;
+    }
+}
+
+TEST(Film, CropsAbut) {
+  const auto f = [](float x, float y) { return x * 0.37f + std::sin(y); };
+  const PixelFilter filter(FilterKind::kCatmullRom, 4, 4);
+  const Image whole = filterImage({0, 0, 30, 20}, filter, 8, 4, 1, 1, f);
+  const Image left = filterImage({0, 0, 13, 20}, filter, 8, 4, 2, 1, f);
+  const Image right = filterImage({13, 0, 30, 20}, filter, 8, 4, 3, 1, f);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 30; ++x) {
+      const float part =
+          x < 13 ? left.channels[0][size_t(y * 13 + x)] : right.channels[0][size_t(y * 17 + x - 13)];
+      EXPECT_EQ(part, whole.channels[0][size_t(y * 30 + x)]);
+    }
+}
+
+TEST(Film, MinimumIsOfThePixelsOwnSamples) {
+  const Image i = filterImage({0, 0, 8, 8}, {FilterKind::kGaussian, 4, 4}, 4, 16, 1, 1,
+                              [](float x, float) { return std::floor(x); });
+  for (int y = 0; y < 8; ++y)
+    for (int x = 0; x < 8; ++x) EXPECT_EQ(i.channels[1][size_t(y * 8 + x)], float(x));
+}
+
+TEST(Film, LinearRampIsReproducedBySymmetricFilters) {
+  const Image i = filterImage({0, 0, 16, 16}, {FilterKind::kTriangle, 2, 2}, 8, 1024, 1, 1,
+                              [](float x, float) { return x; });
+  for (int x = 0; x < 16; ++x) EXPECT_NEAR(i.channels[0][size_t(5 * 16 + x)], float(x) + 0.5f, 0.03f);
+}
+
+}  // namespace
+}  // namespace fr
