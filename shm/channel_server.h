@@ -1,0 +1,110 @@
+// The server's end of the ring transport: many channels, a few threads, one doorbell.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "shm/channel_memory.h"
+
+namespace fr::shm {
+
+class ServerChannel;  // private to channel_server.cpp
+
+/// A block that a handler holds. Copyable; keeps the memory mapped even when the channel is removed
+/// meanwhile.
+struct ServedBlock {
+  uint64_t channelId = 0;
+  void* user = nullptr;  // what was given to add()
+  uint32_t index = 0;
+  std::span<std::byte> bytes;  // the client's memory: it may change while you read. Copy what you check.
+  std::shared_ptr<ServerChannel> channel;
+};
+
+enum class Served {
+  kDone,      // the answer stands in the block
+  kFailed,    // the client gets BlockStatus::kFailed
+  kDeferred,  // the handler will call ChannelServer::complete() later, from any thread
+};
+
+/// What the server does with what arrives. Called from the threads in ChannelServer::run(), several at once.
+class ChannelHandler {
+ public:
+  virtual ~ChannelHandler() = default;
+  virtual Served serveBlock(const ServedBlock& block) = 0;
+  /// `request` is a private copy. Write at most kMailBytes to `answer` and return how many; negative: failed.
+  /// An answer cannot be deferred.
+  virtual int serveMail(uint64_t channelId, void* user, std::span<const std::byte> request,
+                        std::span<std::byte, kMailBytes> answer) = 0;
+  /// A channel has been taken out of service: by its client's orderly end (no error), because its client
+  /// died, or because it sent something impossible. Called once per channel, not for those that remove()
+  /// takes out. Blocks that are deferred may still be completed; that does nothing then.
+  virtual void channelEnded(uint64_t channelId, void* user, const Error* error) = 0;
+};
+
+/// Drains many channels round-robin from any number of threads, which park on one shared doorbell.
+///
+/// Thread safety: everything from any thread. A channel's ring is emptied by one thread at a time (a claim
+/// flag in private memory, held for the taking out only); blocks of one channel run on several threads at
+/// once. Invariants: positions, geometry and "which block is running" are kept in private memory; a block
+/// runs at most once per submission, whatever the client writes. A channel with an impossible value is taken
+/// out of service with an Error, the others do not notice. A client can waste our time (submitting, ringing)
+/// but not stop, crash or read us. Crash of a client: its channel is taken out when its alive callback says
+/// so, or by remove(). Crash of the server: see ClientChannel.
+class ChannelServer {
+ public:
+  struct Options {
+    WaitPolicy wait;
+  };
+  static Result<std::unique_ptr<ChannelServer>> create(ChannelHandler& handler, Options options);
+  /// REQUIRES: no thread in run(). Tells all clients that the server has left.
+  ~ChannelServer();
+
+  /// Send share() of it to each client.
+  const std::shared_ptr<ServerBoard>& board() const { return board_; }
+
+  /// Puts a client's channel into service and returns its id (from 1). `clientAlive` (may be empty) is called
+  /// about once per wait.recheck while a thread is parked, and about once a second while busy. Errors as
+  /// ChannelMemory::attach.
+  Result<uint64_t> add(FileDescriptor fd, void* user, std::function<bool()> clientAlive);
+  /// Takes a channel out of service. Blocks already running are finished; their answers go nowhere.
+  void remove(uint64_t channelId);
+  size_t channelCount() const;
+
+  /// Serves until stop(). Call it from each of the server's threads.
+  void run();
+  /// Serves what is there, without waiting; returns the number of blocks and mails served.
+  size_t serveOnce();
+  /// Ends all run() calls, after what they are serving. May be called from a signal-free thread only, once or
+  /// often.
+  void stop();
+
+  /// Ends a deferred block.
+  void complete(const ServedBlock& block, bool ok);
+
+ private:
+  using Channels = std::vector<std::shared_ptr<ServerChannel>>;
+  ChannelServer(ChannelHandler& handler, Options options, std::shared_ptr<ServerBoard> board);
+  std::shared_ptr<const Channels> channels() const;
+  size_t serve(const Channels& channels, size_t start);
+  size_t serveChannel(const std::shared_ptr<ServerChannel>& channel);
+  bool hasWork(const Channels& channels) const;
+  void end(ServerChannel& channel, const Error* error);
+  void lookAfterClients(const Channels& channels);
+  void detach(uint64_t channelId);
+
+  ChannelHandler& handler_;
+  Options options_;
+  std::shared_ptr<ServerBoard> board_;
+  mutable std::mutex mutex_;
+  std::shared_ptr<const Channels> channels_;  // replaced, never changed
+  std::atomic<uint64_t> channelsVersion_{0};
+  uint64_t nextId_ = 1;
+  std::atomic<bool> stop_{false};
+};
+
+}  // namespace fr::shm

@@ -1,0 +1,97 @@
+// Sleeping and waking across processes.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+
+#include "shm/cache_line.h"
+
+namespace fr::shm {
+
+// std::atomic::wait must not be used on shared memory: libstdc++ waits on process-private futexes, and the
+// other process never wakes us.
+static_assert(std::atomic<uint32_t>::is_always_lock_free && sizeof(std::atomic<uint32_t>) == 4);
+static_assert(std::atomic<uint64_t>::is_always_lock_free && sizeof(std::atomic<uint64_t>) == 8);
+
+enum class FutexResult { kWoken, kValueDiffers, kTimedOut, kInterrupted };
+
+/// Sleeps while `word` == expected, at most `timeout`. May return kWoken without a wake: re-check what you
+/// wait for.
+FutexResult futexWait(const std::atomic<uint32_t>& word, uint32_t expected, std::chrono::nanoseconds timeout);
+/// Wakes at most `count` sleepers of any process; returns how many.
+int futexWake(const std::atomic<uint32_t>& word, int count);
+
+/// What it costs to wake a sleeping thread here, measured once per process on first use (about 2 ms), in
+/// nanoseconds, between 2 us and 100 us; 0 when there is one processor only and spinning cannot help.
+/// Thread-safe.
+std::chrono::nanoseconds wakeCost();
+
+/// One parking place in shared memory, a cache line pair of its own. Several processes may sleep on it and
+/// ring it.
+///
+/// Ringer: publish with a seq_cst store, then ring().     Sleeper: announce, look again (seq_cst loads),
+/// sleep. SYNC POINT 1: the ringer's seq_cst publication and its seq_cst load of `sleepers` in ring() pair
+/// with the sleeper's seq_cst increment of `sleepers` and its seq_cst re-check in DoorbellSleep: in the
+/// single total order either the ringer sees the sleeper or the sleeper sees the publication. No wake-up is
+/// lost, and nobody pays a system call while nobody sleeps. Crash: a process killed asleep leaves `sleepers`
+/// too high: later rings cost a needless system call. A hostile value of either word costs at most one
+/// time-out: every sleep has one.
+struct alignas(kCacheLine) Doorbell {
+  std::atomic<uint32_t> sequence;  // what the sleepers sleep on; changes with each ring
+  std::atomic<uint32_t> sleepers;
+  uint8_t pad[kCacheLine - 8];
+
+  void init() {
+    sequence.store(0, std::memory_order_relaxed);
+    sleepers.store(0, std::memory_order_relaxed);
+  }
+  /// Wakes up to `count` sleepers, if there are any. Call after a seq_cst publication.
+  void ring(int count);
+};
+static_assert(sizeof(Doorbell) == kCacheLine);
+
+/// How long waits spin and how often they look after the peer.
+struct WaitPolicy {
+  std::chrono::nanoseconds spin{-1};           // -1: wakeCost()
+  std::chrono::nanoseconds recheck{20000000};  // a sleep is cut after this to re-check the peer's life
+};
+
+enum class WaitOutcome { kReady, kPeerGone, kTimedOut };
+
+/// Spins for policy.spin, then parks at `bell`, until ready() is true (kReady); alive() false ends the wait
+/// (kPeerGone, after one more look at ready()), as does `timeout` (< 0: none; precision policy.recheck).
+/// ready() must read what the ringer publishes with seq_cst loads (SYNC POINT 1); it is called often. alive()
+/// is called once per policy.recheck at most, never while spinning.
+template <class Ready, class Alive>
+WaitOutcome waitAtDoorbell(Doorbell& bell, const WaitPolicy& policy, std::chrono::nanoseconds timeout,
+                           Ready&& ready, Alive&& alive) {
+  using Clock = std::chrono::steady_clock;
+  if (ready()) return WaitOutcome::kReady;
+  const Clock::time_point start = Clock::now();
+  Clock::time_point lookedAfterPeer = start;
+  const std::chrono::nanoseconds spin = policy.spin.count() < 0 ? wakeCost() : policy.spin;
+  while (Clock::now() - start < spin) {
+    for (int i = 0; i < 32; ++i) {
+      cpuRelax();
+      if (ready()) return WaitOutcome::kReady;
+    }
+  }
+  for (;;) {
+    // SYNC POINT 1, sleeper's side (see Doorbell).
+    bell.sleepers.fetch_add(1, std::memory_order_seq_cst);
+    const uint32_t seen = bell.sequence.load(std::memory_order_seq_cst);
+    const bool now = ready();
+    if (!now) futexWait(bell.sequence, seen, policy.recheck);
+    bell.sleepers.fetch_sub(1, std::memory_order_seq_cst);
+    if (now || ready()) return WaitOutcome::kReady;
+    const Clock::time_point t = Clock::now();
+    if (t - lookedAfterPeer >= policy.recheck) {
+      lookedAfterPeer = t;
+      if (!alive()) return ready() ? WaitOutcome::kReady : WaitOutcome::kPeerGone;
+    }
+    if (timeout.count() >= 0 && t - start >= timeout) return WaitOutcome::kTimedOut;
+  }
+}
+
+}  // namespace fr::shm
