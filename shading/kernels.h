@@ -1,0 +1,77 @@
+// The numerical half of the virtual machine: one kernel per elementwise operation, chosen once for the CPU.
+//
+// A register holds `lanes` floats per component, lanes being a multiple of kLanePad; a uniform register holds
+// its value kLanePad times. So one kernel serves every mixture of uniform and varying operands: an operand's
+// index mask is either all ones or kLanePad - 1. A uniform result is the same kernel over kLanePad lanes.
+// There are no scalar tails, so a point's result cannot depend on its place in the batch or on the size of
+// the batch.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "shading/ir.h"
+
+namespace fr {
+
+inline constexpr uint32_t kLanePad = 16;
+inline constexpr uint32_t padLanes(size_t n) { return uint32_t((n + kLanePad - 1) / kLanePad * kLanePad); }
+
+/// Where an operand's floats are. Component c of lane i: data[c * component + (i & indexMask)]. 64-byte
+/// aligned.
+struct Operand {
+  float* data = nullptr;
+  uint32_t component = 0;             // floats from one component (or array element's component) to the next
+  uint32_t indexMask = kLanePad - 1;  // kLanePad - 1: uniform; ~0: varying
+  float* comp(uint32_t c) const { return data + size_t(c) * component; }
+  bool varying() const { return indexMask != kLanePad - 1; }
+  float at(uint32_t lane, uint32_t c = 0) const { return comp(c)[lane & indexMask]; }
+};
+
+struct KernelCall {
+  const Operand* arg = nullptr;
+  uint32_t argCount = 0;
+  uint32_t lanes = 0;             // kLanePad when the result is uniform
+  const int32_t* mask = nullptr;  // masked operations: -1 active, 0 not; always a whole batch or one block
+  const float* matrix = nullptr;  // transforms: 16 floats, row vectors
+  uint32_t mode = 0;              // kernel-specific
+};
+using Kernel = void (*)(const KernelCall&);
+
+/// Kernels that are no operation of their own.
+enum class Helper : uint32_t {
+  transformPoint,      // out3, in3; matrix, divides by w when the matrix is a projection
+  transformVector,     // out3, in3
+  transformNormal,     // out3, in3; matrix is the one that carries points
+  ctransform,          // out3, in3; mode = from * 8 + to (ColorSpace)
+  subTriple,           // out3, a3, b3
+  maskAndNonZero,      // out mask, in mask, float: out = in & (f != 0)   (masks as float registers)
+  maskAndZero,         // out mask, in mask, float: out = in & (f == 0)
+  maskAndNot,          // out, a, b: a & ~b
+  maskAnd,             // out, a, b
+  maskOr,              // out, a, b
+  maskCone,            // out mask, in mask, L3, axis3, angle: angle(L, axis) < angle
+  maskDifferent,       // out mask, a3, b3: any component differs in bits
+  maskNonBlack,        // out mask, in mask, color3: any component not 0
+  negateMasked,        // out3, in3; mask
+  assignTripleMasked,  // out3, in3; mask
+  assignFloatMasked,   // out, in; mask
+  sanitize,            // inout: NaN and infinities become 0
+  kCount
+};
+
+enum class ColorSpace : uint32_t { kRgb, kHsv, kHsl, kXyz, kXyY, kYiq };
+
+struct KernelTable {
+  Kernel op[size_t(Op::kCount)] = {};  // nullptr: the machine does it
+  Kernel helper[size_t(Helper::kCount)] = {};
+  /// True when any lane of the mask is set.
+  bool (*anyActive)(const int32_t* mask, uint32_t lanes) = nullptr;
+};
+
+/// The table of the instruction set that base/isa.h picks. Thread-safe.
+const KernelTable& kernels();
+/// Of a given set (0 sse4, 1 avx2, 2 avx512); the caller has checked that the CPU has it.
+const KernelTable& kernelsOf(int isa);
+
+}  // namespace fr
