@@ -1,0 +1,148 @@
+// The geometry that rays see: Embree's acceleration structure over the grids of the scene cache.
+//
+// Embree reads the vertices where the cache keeps them (12 k bytes apart for the surface of stride k); what
+// this class owns is one small validated record per grid and Embree's tree. Nothing else that stands in
+// shared memory is looked at again: a hit is (entry, cell, u, v), and entry is an index into our own records.
+//
+// Thread safety: build() once; everything const afterwards, any number of threads.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "base/error.h"
+#include "scene_cache/cache.h"
+
+namespace fr::tracer {
+
+/// What a ray is, as a mask: a surface answers the kinds that its attributes let see it.
+/// Shadow rays come in two: casters that are opaque whatever happens, and casters whose opacity must be asked
+/// for.
+enum RayMask : uint32_t {
+  kCameraRay = 1,
+  kReflectionRay = 2,
+  kOpaqueShadowRay = 4,
+  kFilteredShadowRay = 8,
+};
+
+struct RaySceneOptions {
+  /// Where an object has no Attribute "render" "patch_multiplier". A ray server's default is 0.5.
+  float patchMultiplier = 0.5f;
+  /// Threads that resolve grids and build; 0: one per core.
+  int threads = 0;
+  /// Also holds objects that only camera rays can see.
+  bool cameraRays = false;
+};
+
+/// One grid or meshlet as traced. Private and checked.
+struct SurfaceEntry {
+  cache::NodeId node;
+  cache::ObjectId object;
+  cache::AttributeId attributes;
+  uint32_t surfaceGroup;
+  float u0, v0, uScale, vScale;  // root patch (u,v) = (u0,v0) + scale * grid (u,v)
+  float cellSize;                // longest cell diagonal at the traced stride
+  float deviation;               // between the traced surface and the true one
+  float shadedDeviation;         // between the surface as shaded (stride 1) and the true one
+  uint32_t firstTriangle;        // meshlets: primitive id of triangle 0
+  uint16_t cellsU, cellsV;       // at the traced stride; meshlets: vertices, triangles
+  float orientation;             // +1, or -1 when the oriented normal points against dPdu x dPdv
+  uint8_t oneSided, meshlet, level;
+  cache::CastsShadows castsShadows;
+};
+
+/// Where a ray leaves, enough to know the leaving surface again without a tuned distance.
+struct Departure {
+  uint32_t surfaceGroup = cache::kNone;  // kNone: does not start on a surface
+  float cosine = 0;                      // dot(direction, oriented unit normal); 0: as good as in the surface
+  float cellSize = 0;                    // of the starting patch, as traced
+  float deviation = 0;                   // of the starting patch, as traced
+  Vec3 lift{0};  // from the start point off the surface as shaded, to where the ray goes
+};
+
+/// One ray. Cache space; direction is unit, so distances are lengths.
+struct Ray {
+  Vec3 origin;
+  Vec3 direction;
+  float nearDistance = 0;
+  float farDistance = kInfinity;
+  float time = 0;
+  uint32_t mask = kReflectionRay;
+  bool endsOnSurface =
+      false;  // farDistance is a point that may lie on a surface: that surface is no occluder
+  Departure departure;
+  // Stepping through surfaces: hits up to and including this one are behind us.
+  uint32_t passedEntry = cache::kNone;
+  uint32_t passedCell = 0;
+  float passedDistance = 0;
+  float passedSide = 0;
+};
+
+struct Hit {
+  float distance = kInfinity;
+  uint32_t entry = cache::kNone;  // kNone: nothing hit
+  uint32_t cell = 0;              // meshlets: triangle. Grids: row * cellsU + column at the traced stride
+  float u = 0, v = 0;             // of the root patch; meshlets: barycentric
+  Vec3 normal{0};                 // unit, of the facet, oriented as the surface is
+
+  bool any() const { return entry != cache::kNone; }
+};
+
+struct RaySceneStatistics {
+  uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
+  uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
+  uint64_t peakBytes = 0;
+  double resolveSeconds = 0, buildSeconds = 0;
+};
+
+/// Seam: a second implementation with clusters built at first touch can stand behind the same three questions
+/// (closest, occluded, departure); nothing outside knows that there is one flat scene.
+class RayScene {
+ public:
+  /// Resolves every patch of the objects that rays may see and builds. `opaqueCaster` says whether an object
+  /// stops shadow rays without being asked. Grids that fail validation are reported and left out.
+  static Result<std::unique_ptr<RayScene>> build(cache::SceneCache& cache,
+                                                 const std::function<bool(cache::ObjectId)>& opaqueCaster,
+                                                 const RaySceneOptions& options);
+  ~RayScene();
+  RayScene(const RayScene&) = delete;
+  RayScene& operator=(const RayScene&) = delete;
+
+  /// Nearest hit that is not the departing surface, not behind a passed hit, not the back of a one-sided
+  /// surface. Equal distances: the lowest (object, patch, cell).
+  Hit closest(const Ray& ray) const;
+  /// True when anything of the ray's mask lies between its near and far distances.
+  bool occluded(const Ray& ray) const;
+  /// Describes the start of a ray in direction `direction` (unit) on `node` with oriented normal `normal`.
+  /// Add `lift` to the origin: it is the error of a start point on the shaded surface, nothing on flat ones.
+  /// Any node is allowed; one out of range, or a zero or non-finite normal, is no surface.
+  Departure departure(cache::NodeId node, const Vec3& direction, const Vec3& normal) const;
+  /// Makes `ray` go on behind `hit`.
+  void stepBehind(Ray& ray, const Hit& hit) const;
+
+  const SurfaceEntry& entry(uint32_t index) const { return entries_[index]; }
+  size_t entryCount() const { return entries_.size(); }
+  /// Entry of a node, or kNone.
+  uint32_t entryOf(cache::NodeId node) const {
+    return node < entryOfNode_.size() ? entryOfNode_[node] : cache::kNone;
+  }
+  RaySceneStatistics statistics() const;
+
+ private:
+  friend struct HitFilter;
+  friend class RaySceneBuilder;
+  RayScene();
+
+  struct Embree;
+
+  std::unique_ptr<Embree> embree_;
+  std::vector<SurfaceEntry> entries_;                    // in the order of (object, patch)
+  std::vector<std::vector<uint32_t>> entryOfPrimitive_;  // by Embree geometry id, then primitive id
+  std::vector<uint32_t> entryOfNode_;
+  std::vector<uint32_t> groupOfObject_;
+  const cache::SceneCache* cache_ = nullptr;
+  RaySceneStatistics statistics_;
+};
+
+}  // namespace fr::tracer

@@ -1,0 +1,411 @@
+// Building RayScene: resolve, validate, sort into classes, hand to Embree.
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <thread>
+#include <tuple>
+
+#include "base/isa.h"
+#include "tracer/ray_scene_embree.h"
+
+namespace fr::tracer {
+
+using namespace cache;
+
+namespace {
+
+/// Vertex buffers are addressed by 32-bit indices and end 16 GB after their start (Embree); windows of half
+/// of that always hold a grid that starts in them.
+constexpr uint64_t kWindow = (uint64_t(8) << 30) / kPositionAlign * kPositionAlign;
+/// Embree loads 16 bytes for a vertex of 12.
+constexpr uint64_t kVertexOverread = 4;
+constexpr unsigned kMaxKeys = 129;  // RTC_MAX_TIME_STEP_COUNT
+
+/// Grids of one class share an Embree geometry.
+struct ClassKey {
+  bool meshlet;
+  uint32_t mask;
+  uint32_t level;
+  uint32_t keys;
+  uint64_t keyBytes;
+  uint64_t window;
+  auto operator<=>(const ClassKey&) const = default;
+};
+
+/// A checked grid before it is sorted into its class.
+struct Prepared {
+  SurfaceEntry entry;
+  ClassKey key;
+  uint32_t startVertex;  // in units of the class's byte stride, from its window's start
+  uint32_t rowStride;
+  uint64_t indices;  // meshlets
+};
+
+float sane(float x, float otherwise) { return std::isfinite(x) && x >= 0 ? x : otherwise; }
+
+/// Largest power of two of vertices to skip, as an exponent: multiplier 1 -> 0, 0.5 -> 1, 0.3 -> 2 (rounded
+/// down to 0.25).
+int wantedLevel(float multiplier) {
+  if (!(multiplier > 0)) return kLevels - 1;
+  int level = 0;
+  for (float m = 1; m > multiplier && level < kLevels - 1; m *= 0.5f) ++level;
+  return level;
+}
+
+}  // namespace
+
+class RaySceneBuilder {
+ public:
+  RaySceneBuilder(SceneCache& cache, const std::function<bool(ObjectId)>& opaqueCaster,
+                  const RaySceneOptions& options)
+      : cache_(cache), opaqueCaster_(opaqueCaster), options_(options), scene_(new RayScene) {}
+
+  Result<std::unique_ptr<RayScene>> build() {
+    const auto t0 = std::chrono::steady_clock::now();
+    scene_->cache_ = &cache_;
+    threads_ =
+        options_.threads > 0 ? options_.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+    tbb::task_arena arena(threads_);
+    arena.execute([&] { prepareAll(); });
+    const auto t1 = std::chrono::steady_clock::now();
+    Result<void> made = makeGeometries();
+    if (!made) return std::move(made).error();
+    const auto t2 = std::chrono::steady_clock::now();
+    scene_->statistics_.resolveSeconds = std::chrono::duration<double>(t1 - t0).count();
+    scene_->statistics_.buildSeconds = std::chrono::duration<double>(t2 - t1).count();
+    return std::move(scene_);
+  }
+
+ private:
+  struct ObjectFacts {
+    uint32_t mask = 0;
+    int level = 0;
+    bool visible = false;
+    bool oneSided = false;
+    CastsShadows castsShadows = CastsShadows::kOpaque;
+  };
+
+  ObjectFacts factsOf(ObjectId id) const {
+    const ObjectRecord& o = cache_.skeleton().objects()[id];
+    ObjectFacts f;
+    if (!(o.sides & kForTracer)) return f;
+    const auto attributes = cache_.skeleton().attributes();
+    if (o.attributes >= attributes.size()) return f;
+    const AttributeRecord& a = attributes[o.attributes];
+    if (options_.cameraRays && (a.visibility & kVisibleCamera)) f.mask |= kCameraRay;
+    if (a.visibility & kVisibleReflection) f.mask |= kReflectionRay;
+    if ((a.visibility & kVisibleShadow) && a.castsShadows != CastsShadows::kNever)
+      f.mask |= opaqueCaster_(id) ? kOpaqueShadowRay : kFilteredShadowRay;
+    f.visible = f.mask != 0;
+    f.level = wantedLevel(a.patchMultiplier >= 0 ? a.patchMultiplier : options_.patchMultiplier);
+    f.oneSided = a.sides == 1;
+    f.castsShadows = a.castsShadows;
+    return f;
+  }
+
+  void prepareAll() {
+    const auto objects = cache_.skeleton().objects();
+    std::vector<ObjectFacts> facts(objects.size());
+    std::vector<std::pair<ObjectId, NodeId>> roots;
+    for (ObjectId i = 0; i < objects.size(); ++i) {
+      facts[i] = factsOf(i);
+      if (!facts[i].visible) continue;
+      for (uint32_t p = 0; p < objects[i].patchCount; ++p) roots.emplace_back(i, objects[i].firstPatch + p);
+    }
+    // Root after root in the order of (object, patch), whoever resolves them.
+    std::vector<std::vector<Prepared>> parts(roots.size());
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, roots.size(), 16),
+                      [&](const tbb::blocked_range<size_t>& r) {
+                        for (size_t i = r.begin(); i != r.end(); ++i)
+                          prepareNode(roots[i].second, roots[i].first, facts[roots[i].first], parts[i], 0);
+                      });
+    size_t total = 0;
+    for (const auto& p : parts) total += p.size();
+    prepared_.reserve(total);
+    for (auto& p : parts) {
+      prepared_.insert(prepared_.end(), p.begin(), p.end());
+      p = {};
+    }
+    orient();
+  }
+
+  void prepareNode(NodeId id, ObjectId object, const ObjectFacts& facts, std::vector<Prepared>& out,
+                   int depth) {
+    if (depth > 64) return;  // dyadic rectangles have at most 32 + 32 halvings
+    const ResolvedNode r = cache_.resolve(id);
+    if (r.state == NodeState::kSplit) {
+      for (NodeId child : r.children)
+        if (child < cache_.nodeCount()) prepareNode(child, object, facts, out, depth + 1);
+    } else if (r.state == NodeState::kGrid && r.grid) {
+      Prepared p;
+      if (prepareGrid(id, object, facts, *r.grid, p)) out.push_back(p);
+    }
+  }
+
+  /// Copies the descriptor, then trusts only the copy.
+  bool prepareGrid(NodeId id, ObjectId object, const ObjectFacts& facts, const GridRecord& shared,
+                   Prepared& p) {
+    const GridRecord g = shared;
+    const bool meshlet = g.kind == GridKind::kMeshlet;
+    const uint64_t arenaBytes = cache_.arena().size();
+    const uint64_t vertices = meshlet ? g.nu : uint64_t(g.nv) * g.rowStride + g.nu + 1;
+    const bool shapeOk =
+        meshlet ? g.nu >= 3 && g.nu <= kMaxMeshletVertices && g.nv >= 1 && g.nv <= kMaxMeshletTriangles
+                : g.nu >= 1 && g.nv >= 1 && g.nu <= kMaxGridSide && g.nv <= kMaxGridSide &&
+                      g.rowStride > g.nu && g.rowStride <= 4096;
+    const uint64_t keyBytes = g.keyCount > 1 ? g.keyBytes : 0;
+    const bool keysOk = g.keyCount >= 1 && g.keyCount <= kMaxKeys && keyBytes % 4 == 0 &&
+                        keyBytes <= arenaBytes && (g.keyCount == 1 || keyBytes >= vertices * 12);
+    const uint64_t bytes =
+        keysOk && shapeOk ? keyBytes * (g.keyCount - 1u) + vertices * 12 + kVertexOverread : 0;
+    const bool placeOk =
+        g.positions % kPositionAlign == 0 && bytes <= arenaBytes && g.positions <= arenaBytes - bytes;
+    const bool indicesOk = !meshlet || (g.indices != 0 && g.indices <= arenaBytes &&
+                                        g.nv * uint64_t(3) <= arenaBytes - g.indices);
+    if (!(shapeOk && keysOk && placeOk && indicesOk)) {
+      reportOnce("tracer.bad-grid", makeError(RiError::kBadFile,
+                                              "a grid of the scene cache (patch {}) is damaged and "
+                                              "is left out of ray tracing",
+                                              id));
+      return false;
+    }
+
+    int level = 0;
+    if (!meshlet) {
+      level = std::min(facts.level, std::clamp(int(g.levels), 1, kLevels) - 1);
+      while (level > 0 && (g.nu % (1 << level) || g.nv % (1 << level))) --level;
+    }
+    const uint64_t window = g.positions / kWindow;
+    const uint64_t step = uint64_t(12) << level;
+    p.key = {meshlet, facts.mask, uint32_t(level), g.keyCount, keyBytes, window};
+    p.startVertex = uint32_t((g.positions - window * kWindow) / step);
+    p.rowStride = g.rowStride;
+    p.indices = meshlet ? g.indices : 0;
+
+    const PatchNode& node = cache_.node(id);
+    SurfaceEntry& e = p.entry;
+    e = {};
+    e.node = id;
+    e.object = object;
+    const ObjectRecord& o = cache_.skeleton().objects()[object];
+    e.attributes = o.attributes;
+    e.surfaceGroup = o.surfaceGroup;
+    e.uScale = std::ldexp(1.0f, -int(std::min<uint8_t>(node.du, 32)));
+    e.vScale = std::ldexp(1.0f, -int(std::min<uint8_t>(node.dv, 32)));
+    e.u0 = std::clamp(float(node.iu) * e.uScale, 0.0f, 1.0f);
+    e.v0 = std::clamp(float(node.iv) * e.vScale, 0.0f, 1.0f);
+    const float diagonal = sane(g.bound.diagonal(), 0);
+    e.cellSize = sane(g.cellSize, diagonal) * float(1 << level);
+    e.deviation = meshlet ? 0 : sane(g.deviation[0], 0) + (level ? sane(g.deviation[level], 0) : 0);
+    e.shadedDeviation = meshlet ? 0 : sane(g.deviation[0], 0);
+    e.cellsU = uint16_t(g.nu >> level);
+    e.cellsV = uint16_t(g.nv >> level);
+    e.orientation = 1;
+    e.oneSided = facts.oneSided;
+    e.meshlet = meshlet;
+    e.level = uint8_t(level);
+    e.castsShadows = facts.castsShadows;
+    return true;
+  }
+
+  const float* vertex(const Prepared& p, uint64_t index) const {
+    const uint64_t at = p.key.window * kWindow + (uint64_t(12) << p.key.level) * p.startVertex + 12 * index;
+    return reinterpret_cast<const float*>(cache_.arena().data() + at);
+  }
+
+  /// Which way dPdu x dPdv points in cache space against the oriented normal: one answer per object, voted
+  /// for by its first grids (a pole or a fold may be undecided or wrong).
+  void orient() {
+    size_t i = 0;
+    while (i < prepared_.size()) {
+      size_t end = i;
+      while (end < prepared_.size() && prepared_[end].entry.object == prepared_[i].entry.object) ++end;
+      double votes = 0;
+      const size_t step = std::max<size_t>(1, (end - i) / 5);
+      for (size_t j = i; j < end; j += step) votes += orientationVote(prepared_[j]);
+      if (votes < 0)
+        for (size_t j = i; j < end; ++j) prepared_[j].entry.orientation = -1;
+      i = end;
+    }
+  }
+
+  double orientationVote(const Prepared& p) const {
+    const SurfaceEntry& e = p.entry;
+    Vec3 raw;
+    uint32_t cell = 0;
+    float u, v;
+    const auto at = [&](uint64_t i) {
+      const float* f = vertex(p, i);
+      return Vec3(f[0], f[1], f[2]);
+    };
+    if (e.meshlet) {
+      const auto* index = reinterpret_cast<const uint8_t*>(cache_.arena().data() + p.indices);
+      const auto corner = [&](int c) { return at(std::min<uint32_t>(index[c], e.cellsU - 1u)); };
+      const Vec3 a = corner(0);
+      raw = glm::cross(corner(1) - a, corner(2) - a);
+      u = v = 1.0f / 3;
+    } else {
+      const uint64_t k = uint64_t(1) << e.level, cu = e.cellsU / 2, cv = e.cellsV / 2;
+      const uint64_t base = cv * k * p.rowStride + cu * k;
+      raw = glm::cross(at(base + k * p.rowStride + k) - at(base), at(base + k * p.rowStride) - at(base + k));
+      u = e.u0 + e.uScale * (float(cu) + 0.5f) / float(e.cellsU);
+      v = e.v0 + e.vScale * (float(cv) + 0.5f) / float(e.cellsV);
+    }
+    const float length = glm::length(raw);
+    if (!(length > 0) || !std::isfinite(length)) return 0;
+    Vec3 ng(0);
+    SurfaceOut out;
+    for (int c = 0; c < 3; ++c) out.Ng[c] = &ng[c];
+    cache_.evaluateSurface(e.node, 1, &cell, &u, &v, out);
+    const float d = glm::dot(raw / length, ng);
+    return std::isfinite(d) ? d : 0;
+  }
+
+  Result<void> openDevice() {
+    RayScene::Embree& em = *scene_->embree_;
+    const char* isa = currentIsa() == Isa::kSse4   ? "isa=sse4.2"
+                      : currentIsa() == Isa::kAvx2 ? "isa=avx2"
+                                                   : "isa=avx512";
+    const std::string config = fmt::format("threads={},{},start_threads=0,set_affinity=0", threads_, isa);
+    em.device = rtcNewDevice(config.c_str());
+    if (!em.device)
+      return makeError(RiError::kSystem, "Embree cannot be started (error {})",
+                       int(rtcGetDeviceError(nullptr)));
+    rtcSetDeviceErrorFunction(
+        em.device,
+        [](void* p, RTCError code, const char* text) {
+          auto* e = static_cast<RayScene::Embree*>(p);
+          e->error = code;
+          e->message = text ? text : "";
+        },
+        &em);
+    rtcSetDeviceMemoryMonitorFunction(
+        em.device,
+        [](void* p, ssize_t bytes, bool) {
+          auto* e = static_cast<RayScene::Embree*>(p);
+          const int64_t now = e->bytes.fetch_add(bytes) + bytes;
+          int64_t peak = e->peak.load();
+          while (now > peak && !e->peak.compare_exchange_weak(peak, now)) {
+          }
+          return true;
+        },
+        &em);
+    for (RTCDeviceProperty needed :
+         {RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED, RTC_DEVICE_PROPERTY_FILTER_FUNCTION_SUPPORTED})
+      if (!rtcGetDeviceProperty(em.device, needed))
+        return makeError(RiError::kIncapable, "this Embree was built without ray masks or filter functions");
+    return {};
+  }
+
+  Result<void> makeGeometries() {
+    if (Result<void> r = openDevice(); !r) return r;
+    RayScene& s = *scene_;
+    RayScene::Embree& em = *s.embree_;
+    em.scene = rtcNewScene(em.device);
+    rtcSetSceneFlags(em.scene, RTCSceneFlags(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
+    rtcSetSceneBuildQuality(em.scene, RTC_BUILD_QUALITY_MEDIUM);
+
+    std::map<ClassKey, std::vector<uint32_t>> classes;
+    NodeId lastNode = 0;
+    for (uint32_t i = 0; i < prepared_.size(); ++i) {
+      classes[prepared_[i].key].push_back(i);
+      lastNode = std::max(lastNode, prepared_[i].entry.node);
+    }
+    s.entryOfNode_.assign(prepared_.empty() ? 0 : size_t(lastNode) + 1, kNone);
+    for (uint32_t i = 0; i < prepared_.size(); ++i) s.entryOfNode_[prepared_[i].entry.node] = i;
+
+    em.descriptors.reserve(classes.size());
+    for (const auto& [key, members] : classes) attach(key, members);
+    s.statistics_.geometries = classes.size();
+    s.entries_.reserve(prepared_.size());
+    for (const Prepared& p : prepared_) s.entries_.push_back(p.entry);
+    prepared_ = {};
+    rtcCommitScene(em.scene);
+    if (em.error != RTC_ERROR_NONE)
+      return makeError(em.error == RTC_ERROR_OUT_OF_MEMORY ? RiError::kNoMem : RiError::kSystem,
+                       "the acceleration structure for rays cannot be built: Embree says \"{}\"", em.message);
+    return {};
+  }
+
+  void attach(const ClassKey& key, const std::vector<uint32_t>& members) {
+    RayScene& s = *scene_;
+    RayScene::Embree& em = *s.embree_;
+    std::vector<uint32_t>& buffer = em.descriptors.emplace_back();
+    std::vector<uint32_t>& entryOf = s.entryOfPrimitive_.emplace_back();
+    const uint64_t step = uint64_t(12) << key.level;
+    uint64_t vertexEnd = 0;
+    size_t primitives = 0;
+    for (uint32_t m : members) {
+      Prepared& p = prepared_[m];
+      SurfaceEntry& e = p.entry;
+      if (key.meshlet) {
+        e.firstTriangle = uint32_t(primitives);
+        const auto* index = reinterpret_cast<const uint8_t*>(cache_.arena().data() + p.indices);
+        for (uint32_t t = 0; t < e.cellsV; ++t) {
+          for (uint32_t c = 0; c < 3;
+               ++c)  // read once; a corner outside of the meshlet becomes its first vertex
+            if (const uint32_t i = index[3 * t + c]; i < e.cellsU)
+              buffer.push_back(p.startVertex + i);
+            else
+              buffer.push_back(p.startVertex);
+          entryOf.push_back(m);
+        }
+        primitives += e.cellsV;
+        vertexEnd = std::max<uint64_t>(vertexEnd, uint64_t(p.startVertex) + e.cellsU);
+        s.statistics_.meshlets += 1;
+        s.statistics_.triangles += e.cellsV;
+      } else {
+        const RTCGrid grid{p.startVertex, p.rowStride, uint16_t(e.cellsU + 1), uint16_t(e.cellsV + 1)};
+        const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
+        buffer.insert(buffer.end(), words.begin(), words.end());
+        entryOf.push_back(m);
+        ++primitives;
+        vertexEnd =
+            std::max<uint64_t>(vertexEnd, p.startVertex + uint64_t(e.cellsV) * p.rowStride + e.cellsU + 1u);
+        s.statistics_.grids += 1;
+        s.statistics_.quads += uint64_t(e.cellsU) * e.cellsV;
+      }
+    }
+    buffer.resize(buffer.size() + 4);  // Embree may load past the last element
+
+    RTCGeometry g =
+        rtcNewGeometry(em.device, key.meshlet ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID);
+    rtcSetGeometryTimeStepCount(g, key.keys);
+    for (uint32_t k = 0; k < key.keys; ++k)
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3,
+                                 cache_.arena().data() + key.window * kWindow + k * key.keyBytes, 0, step,
+                                 vertexEnd);
+    if (key.meshlet)
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, buffer.data(), 0, 12,
+                                 primitives);
+    else
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, buffer.data(), 0,
+                                 sizeof(RTCGrid), primitives);
+    rtcSetGeometryMask(g, key.mask);
+    rtcCommitGeometry(g);
+    const unsigned id = rtcAttachGeometry(em.scene, g);
+    FR_CHECK(id + 1 == s.entryOfPrimitive_.size());
+    rtcReleaseGeometry(g);
+  }
+
+  SceneCache& cache_;
+  const std::function<bool(ObjectId)>& opaqueCaster_;
+  RaySceneOptions options_;
+  std::unique_ptr<RayScene> scene_;
+  int threads_ = 1;
+  std::vector<Prepared> prepared_;
+};
+
+Result<std::unique_ptr<RayScene>> RayScene::build(SceneCache& cache,
+                                                  const std::function<bool(ObjectId)>& opaqueCaster,
+                                                  const RaySceneOptions& options) {
+  return RaySceneBuilder(cache, opaqueCaster, options).build();
+}
+
+}  // namespace fr::tracer
