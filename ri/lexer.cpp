@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <type_traits>
 
 namespace fr::ri {
 namespace {
@@ -422,12 +423,17 @@ bool Lexer::readNumbers(std::vector<double>& to) { return readNumbersAs(to); }
 bool Lexer::readNumbers(std::vector<int>& to) { return readNumbersAs(to); }
 
 std::string Lexer::recordUntil(std::string_view begin, std::string_view end, int& firstLine) {
-  recording_ = true;
+  int column = 0;
+  position(firstLine, column);
   recorded_.clear();
-  recordFrom_ = offsetOf(cur_);
-  countLines(recordFrom_);
-  firstLine = line_;
   int depth = 0;
+  if (kind_ == TokenKind::kRequest) {
+    if (text_ == end) return {};
+    if (text_ == begin) ++depth;
+    recorded_ = text_ + " ";
+  }
+  recording_ = true;
+  recordFrom_ = offsetOf(cur_);
   for (;;) {
     advance();
     if (kind_ == TokenKind::kEnd) break;
@@ -436,11 +442,12 @@ std::string Lexer::recordUntil(std::string_view begin, std::string_view end, int
     if (text_ == end && depth-- == 0) break;
   }
   recording_ = false;
-  // The request name stands in the window: words stay there until the next token.
-  if (recordFrom_ < tokenOffset_) {
+  if (recordFrom_ <= tokenOffset_) {
     recorded_.append(buffer_.get() + (recordFrom_ - base_), size_t(tokenOffset_ - recordFrom_));
+  } else {  // the beginning of a binary request name has left the window already
+    recorded_.resize(recorded_.size() - size_t(recordFrom_ - tokenOffset_));
   }
-  return std::move(recorded_);
+  return std::exchange(recorded_, {});
 }
 
 }  // namespace fr::ri

@@ -69,7 +69,7 @@ class Lexer {
   bool readNumbers(std::vector<double>& to);
   bool readNumbers(std::vector<int>& to);
 
-  /// Records raw bytes from the end of the current token until the request `end` that is not nested in
+  /// Records raw bytes from the current request on until the request `end` that is not nested in
   /// `begin`...`end` pairs. The current token afterwards is `end`, or kEnd if it never came. `firstLine`
   /// receives the line on which the text begins.
   std::string recordUntil(std::string_view begin, std::string_view end, int& firstLine);

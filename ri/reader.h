@@ -60,12 +60,14 @@ class Reader {
  private:
   friend class RequestParser;
   Result<void> run(Lexer& lexer);
+  Result<void> nested(std::string canonical, Lexer& lexer);
 
   Renderer& renderer_;
   ReaderOptions options_;
   std::map<std::string, std::shared_ptr<InlineArchive>, std::less<>> inlineArchives_;
   std::vector<std::string> open_;  // canonical names of what is being read, outermost first
   std::set<std::string, std::less<>> warned_;
+  int complaints_ = 0;
 };
 
 }  // namespace fr::ri

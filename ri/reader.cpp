@@ -1,0 +1,85 @@
+#include "ri/reader.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "ri/request_parser.h"
+#include "ri/search_path.h"
+
+namespace fr::ri {
+
+Reader::Reader(Renderer& renderer, ReaderOptions options)
+    : renderer_(renderer), options_(std::move(options)) {}
+Reader::~Reader() = default;
+
+Result<void> Reader::run(Lexer& lexer) {
+  RequestParser parser(*this, lexer);
+  return parser.run();
+}
+
+// Reads one input under its canonical name; the names of everything open at the moment show loops.
+Result<void> Reader::nested(std::string canonical, Lexer& lexer) {
+  if (open_.size() >= size_t(std::max(options_.maxArchiveDepth, 1))) {
+    return makeError(RiError::kLimit, "archives are nested deeper than {}", options_.maxArchiveDepth);
+  }
+  if (std::find(open_.begin(), open_.end(), canonical) != open_.end()) {
+    return makeError(RiError::kLimit, "\"{}\" reads itself", lexer.fileName());
+  }
+  open_.push_back(std::move(canonical));
+  Result<void> r = run(lexer);
+  open_.pop_back();
+  return r;
+}
+
+Result<void> Reader::readFile(const std::string& path) {
+  Result<std::unique_ptr<Input>> input = openFile(path);
+  if (!input) return input.error();
+  std::error_code ec;
+  std::filesystem::path canonical = std::filesystem::weakly_canonical(path, ec);
+  Lexer lexer(std::move(*input), path);
+  return nested(ec ? path : canonical.string(), lexer);
+}
+
+Result<void> Reader::readStdin() {
+  Result<std::unique_ptr<Input>> input = openStdin();
+  if (!input) return input.error();
+  Lexer lexer(std::move(*input), "<stdin>");
+  return nested("<stdin>", lexer);
+}
+
+Result<void> Reader::readBuffer(std::string_view text, std::string name) {
+  Result<std::unique_ptr<Input>> input = openMemory(text);
+  if (!input) return input.error();
+  Lexer lexer(std::move(*input), name);
+  return nested(fmt::format("memory:{}:{}", static_cast<const void*>(text.data()), name), lexer);
+}
+
+Result<void> Reader::readDescriptor(int fd, std::string name) {
+  Result<std::unique_ptr<Input>> input = openDescriptor(fd);
+  if (!input) return input.error();
+  Lexer lexer(std::move(*input), name);
+  return nested(fmt::format("descriptor:{}", fd), lexer);
+}
+
+Result<void> Reader::readArchive(const std::string& name) {
+  if (const auto it = inlineArchives_.find(name); it != inlineArchives_.end()) {
+    const std::shared_ptr<InlineArchive> archive = it->second;  // lives on if it is recorded anew meanwhile
+    Result<std::unique_ptr<Input>> input = openMemory(archive->text);
+    if (!input) return input.error();
+    Lexer lexer(std::move(*input), archive->file, archive->firstLine);
+    lexer.setTables(std::make_shared<BinaryTables>(*archive->tables));
+    return nested("archive:" + name, lexer);
+  }
+  std::vector<std::string> folders = renderer_.searchPath("archive");
+  folders.insert(folders.end(), options_.archivePath.begin(), options_.archivePath.end());
+  folders.emplace_back(".");
+  // Where the main file is: archives often lie beside it, wherever the program was started.
+  if (!open_.empty()) folders.push_back(std::filesystem::path(open_.back()).parent_path().string());
+  const std::string path = findFile(name, folders);
+  if (path.empty()) {
+    return makeError(RiError::kNoFile, "archive \"{}\" was not found in {}", name, fmt::join(folders, ":"));
+  }
+  return readFile(path);
+}
+
+}  // namespace fr::ri

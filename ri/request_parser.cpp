@@ -1,0 +1,439 @@
+#include "ri/request_parser.h"
+
+#include <array>
+#include <cmath>
+
+#include "ri/condition.h"
+
+namespace fr::ri {
+namespace {
+
+// A file that is no RIB at all must not print a million lines.
+constexpr int kMaxComplaints = 200;
+
+bool isConditional(std::string_view name) {
+  return name == "IfBegin" || name == "ElseIf" || name == "Else" || name == "IfEnd";
+}
+
+}  // namespace
+
+RequestParser::RequestParser(Reader& reader, Lexer& lexer)
+    : reader_(reader), renderer_(reader.renderer_), lexer_(lexer), outer_(renderer_.setLocator(this)) {
+  lexer_.setKeepComments(reader.options_.keepComments);
+}
+RequestParser::~RequestParser() { renderer_.setLocator(outer_); }
+
+void RequestParser::complain(Severity severity, RiError code, std::string message) {
+  int& n = reader_.complaints_;
+  if (n++ > kMaxComplaints) return;
+  if (n == kMaxComplaints + 1) message = "too many problems in this input; no more of them are printed";
+  SourceLocation where = lexer_.location();
+  report(Error{code, severity, std::move(where), std::move(message)});
+}
+
+void RequestParser::fail(RiError code, std::string message) {
+  if (failed_) return;
+  failed_ = true;
+  complain(Severity::kError, code, fmt::format("{}: {}", name_, message));
+}
+void RequestParser::warn(RiError code, std::string message) {
+  complain(Severity::kWarning, code, fmt::format("{}: {}", name_, message));
+}
+void RequestParser::warnOnce(RiError code, std::string message) {
+  if (reader_.warned_.size() < size_t(kMaxComplaints) && reader_.warned_.insert(message).second) {
+    warn(code, std::move(message));
+  }
+}
+void RequestParser::stop(Error e) {
+  stopped_ = true;
+  if (!stopError_) stopError_ = std::move(e);
+}
+
+bool RequestParser::atNumber() const {
+  return lexer_.kind() == TokenKind::kInteger || lexer_.kind() == TokenKind::kReal;
+}
+bool RequestParser::atArray() const {
+  return lexer_.kind() == TokenKind::kArrayBegin || lexer_.kind() == TokenKind::kFloatArray;
+}
+
+std::string RequestParser::describeToken() const {
+  switch (lexer_.kind()) {
+    case TokenKind::kRequest:
+      return fmt::format("{}", lexer_.text().substr(0, 60));
+    case TokenKind::kInteger:
+    case TokenKind::kReal:
+      return fmt::format("number {}", lexer_.number());
+    case TokenKind::kString:
+      return fmt::format("string \"{}\"", lexer_.text().substr(0, 60));
+    case TokenKind::kArrayBegin:
+      return "[";
+    case TokenKind::kArrayEnd:
+      return "]";
+    case TokenKind::kFloatArray:
+      return "an array of numbers";
+    case TokenKind::kBad:
+      return lexer_.text();
+    case TokenKind::kEnd:
+      return "the end of the input";
+    default:
+      return "a comment";
+  }
+}
+
+// Comments between arguments are kept until the request has been called: the order stays.
+void RequestParser::next() {
+  for (;;) {
+    lexer_.advance();
+    if (lexer_.kind() == TokenKind::kStructure) {
+      comments_.emplace_back(RecordKind::kStructure, lexer_.text());
+    } else if (lexer_.kind() == TokenKind::kComment) {
+      comments_.emplace_back(RecordKind::kComment, lexer_.text());
+    } else {
+      return;
+    }
+  }
+}
+
+void RequestParser::flushComments() {
+  for (auto& [kind, text] : comments_) renderer_.archiveRecord(kind, std::move(text));
+  comments_.clear();
+}
+
+void RequestParser::skipToRequest() {
+  while (lexer_.kind() != TokenKind::kRequest && lexer_.kind() != TokenKind::kEnd) next();
+}
+
+std::string RequestParser::string() {
+  if (failed_) return {};
+  const bool bracket = lexer_.kind() == TokenKind::kArrayBegin;
+  if (bracket) next();
+  if (!atString()) {
+    fail(RiError::kSyntax, fmt::format("a string is expected, not {}", describeToken()));
+    return {};
+  }
+  std::string s = lexer_.text();
+  next();
+  if (bracket) {
+    if (lexer_.kind() != TokenKind::kArrayEnd) {
+      fail(RiError::kSyntax, fmt::format("one string is expected, not {}", describeToken()));
+      return {};
+    }
+    next();
+  }
+  return s;
+}
+
+double RequestParser::number() {
+  double d = 0;
+  numbers({&d, 1});
+  return d;
+}
+
+int RequestParser::integer() {
+  const double d = number();
+  if (failed_) return 0;
+  if (d != std::floor(d) || std::abs(d) > 2147483647.0) {
+    fail(RiError::kSyntax, fmt::format("an integer is expected, not {}", d));
+    return 0;
+  }
+  return int(d);
+}
+
+Handle RequestParser::handle() {
+  if (atString()) return {string(), false};
+  const int i = integer();
+  return {fmt::format("{}", i), true};
+}
+
+void RequestParser::numbers(std::span<double> out) {
+  if (failed_) return;
+  const auto wrong = [&](size_t actual) {
+    fail(RiError::kSyntax, fmt::format("{} number{} expected, {} found before {}", out.size(),
+                                       out.size() == 1 ? " is" : "s are", actual, describeToken()));
+  };
+  if (lexer_.kind() == TokenKind::kFloatArray) {
+    const std::vector<float>& a = lexer_.floatArray();
+    if (a.size() != out.size()) return wrong(a.size());
+    std::copy(a.begin(), a.end(), out.begin());
+    return next();
+  }
+  if (lexer_.kind() == TokenKind::kArrayBegin) {
+    std::vector<double> a;
+    if (!lexer_.readNumbers(a) || a.size() != out.size()) return wrong(a.size());
+    std::copy(a.begin(), a.end(), out.begin());
+    if (lexer_.kind() == TokenKind::kStructure || lexer_.kind() == TokenKind::kComment) {
+      comments_.emplace_back(
+          lexer_.kind() == TokenKind::kStructure ? RecordKind::kStructure : RecordKind::kComment,
+          lexer_.text());
+      next();
+    }
+    return;
+  }
+  for (size_t i = 0; i < out.size(); ++i) {
+    if (!atNumber()) return wrong(i);
+    out[i] = lexer_.number();
+    next();
+  }
+}
+
+DMat4 RequestParser::matrix() {
+  std::array<double, 16> a{};
+  numbers(a);
+  DMat4 m;
+  for (int i = 0; i < 16; ++i) m[i / 4][i % 4] = a[size_t(i)];
+  return m;
+}
+
+template <class T>
+std::vector<T> RequestParser::numberArray(const char* what) {
+  std::vector<T> v;
+  if (failed_) return v;
+  if (lexer_.kind() == TokenKind::kFloatArray) {
+    if constexpr (std::is_same_v<T, float>) {
+      v = std::move(lexer_.floatArray());
+      lexer_.floatArray().clear();
+    } else {
+      fail(RiError::kSyntax, "integers are expected, not an array of floats");
+      return v;
+    }
+    next();
+    return v;
+  }
+  if (lexer_.kind() == TokenKind::kArrayBegin) {
+    if (!lexer_.readNumbers(v)) {
+      fail(RiError::kSyntax, fmt::format("{} are expected, not {}", what, describeToken()));
+      return v;
+    }
+    if (lexer_.kind() == TokenKind::kStructure || lexer_.kind() == TokenKind::kComment) {
+      comments_.emplace_back(
+          lexer_.kind() == TokenKind::kStructure ? RecordKind::kStructure : RecordKind::kComment,
+          lexer_.text());
+      next();
+    }
+    return v;
+  }
+  if (!atNumber()) {
+    fail(RiError::kSyntax, fmt::format("{} are expected, not {}", what, describeToken()));
+    return v;
+  }
+  const double d = lexer_.number();
+  if (std::is_same_v<T, int> && (d != std::floor(d) || std::abs(d) > 2147483647.0)) {
+    fail(RiError::kSyntax, fmt::format("{} are expected, not {}", what, describeToken()));
+    return v;
+  }
+  v.push_back(T(d));
+  next();
+  return v;
+}
+
+std::vector<float> RequestParser::floats() { return numberArray<float>("numbers"); }
+std::vector<int> RequestParser::ints() { return numberArray<int>("integers"); }
+
+std::vector<std::string> RequestParser::strings() {
+  std::vector<std::string> v;
+  if (failed_) return v;
+  if (atString()) {
+    v.push_back(lexer_.text());
+    next();
+    return v;
+  }
+  if (lexer_.kind() != TokenKind::kArrayBegin) {
+    fail(RiError::kSyntax, fmt::format("strings are expected, not {}", describeToken()));
+    return v;
+  }
+  next();
+  while (atString()) {
+    v.push_back(lexer_.text());
+    next();
+  }
+  if (lexer_.kind() != TokenKind::kArrayEnd) {
+    fail(RiError::kSyntax, fmt::format("strings are expected, not {}", describeToken()));
+    return v;
+  }
+  next();
+  return v;
+}
+
+// After a value that could not be used: past its closing bracket, or to the next token.
+void RequestParser::skipValue() {
+  if (lexer_.kind() != TokenKind::kArrayBegin) {
+    if (atNumber() || atString() || lexer_.kind() == TokenKind::kFloatArray) next();
+    return;
+  }
+  while (lexer_.kind() != TokenKind::kArrayEnd && lexer_.kind() != TokenKind::kEnd &&
+         lexer_.kind() != TokenKind::kRequest) {
+    next();
+  }
+  if (lexer_.kind() == TokenKind::kArrayEnd) next();
+}
+
+// Fills the value. False: reported, the rest of the value skipped, nothing of the request lost but this.
+bool RequestParser::value(Param& p) {
+  switch (p.declaration.type) {
+    case ValueType::kString:
+      p.strings = strings();
+      break;
+    case ValueType::kInteger:
+      p.ints = ints();
+      break;
+    default:
+      p.floats = floats();
+      break;
+  }
+  if (!failed_) return true;
+  failed_ = false;
+  if (!inBracket_) {
+    if (atNumber() || atString() || lexer_.kind() == TokenKind::kFloatArray) next();
+    return false;
+  }
+  while (lexer_.kind() != TokenKind::kArrayEnd && lexer_.kind() != TokenKind::kEnd &&
+         lexer_.kind() != TokenKind::kRequest) {
+    next();
+  }
+  if (lexer_.kind() == TokenKind::kArrayEnd) next();
+  return false;
+}
+
+ParamList RequestParser::params(std::string_view context, bool primitive) {
+  ParamList list;
+  while (ok() && atString()) {
+    const std::string token = lexer_.text();
+    next();
+    Param p;
+    Result<ParsedToken> parsed = parseToken(token);
+    if (!parsed) {
+      warn(RiError::kBadToken, std::move(parsed).error().message);
+      skipValue();
+      continue;
+    }
+    p.name = parsed->name;
+    std::optional<Declaration> d =
+        parsed->declaration ? parsed->declaration : renderer_.dictionary().find(p.name, context);
+    if (!d) {
+      warnOnce(RiError::kBadToken, fmt::format("\"{}\" was never declared; ignored", p.name));
+      skipValue();
+      continue;
+    }
+    p.declaration = *d;
+    if (!atString() && !atNumber() && !atArray()) {
+      fail(RiError::kSyntax, fmt::format("\"{}\" has no value, {} follows", p.name, describeToken()));
+      break;
+    }
+    inBracket_ = lexer_.kind() == TokenKind::kArrayBegin;
+    if (!value(p)) continue;
+    if (!primitive && p.elementCount() < d->width()) {
+      warn(RiError::kConsistency, fmt::format("\"{} {}\" has {} numbers or strings, expected {}; ignored",
+                                              d->str(), p.name, p.elementCount(), d->width()));
+      continue;
+    }
+    list.set(std::move(p));
+  }
+  return list;
+}
+
+void RequestParser::recordArchive(const std::string& name) {
+  auto archive = std::make_shared<InlineArchive>();
+  archive->file = lexer_.fileName();
+  archive->text = lexer_.recordUntil("ArchiveBegin", "ArchiveEnd", archive->firstLine);
+  archive->tables = std::make_shared<BinaryTables>(*lexer_.tables());
+  if (lexer_.kind() != TokenKind::kRequest)
+    return fail(RiError::kNesting, fmt::format("\"{}\" has no ArchiveEnd", name));
+  reader_.inlineArchives_[name] = std::move(archive);
+  next();
+}
+
+bool RequestParser::condition(const std::string& text) {
+  if (!reader_.options_.evaluateConditions) return true;
+  Result<bool> r = evaluateCondition(text, [this](std::string_view n) { return renderer_.variable(n); });
+  if (r) return *r;
+  fail(r.error().code, r.error().message);
+  failed_ = false;
+  return false;
+}
+
+void RequestParser::ifBegin(const std::string& text) {
+  Branch b;
+  b.enclosing = !skipping();
+  b.active = b.enclosing && condition(text);
+  b.taken = b.active;
+  branches_.push_back(b);
+}
+void RequestParser::elseIf(const std::string& text) {
+  if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  Branch& b = branches_.back();
+  b.active = b.enclosing && (!b.taken || !reader_.options_.evaluateConditions) && condition(text);
+  b.taken |= b.active;
+}
+void RequestParser::elseBranch() {
+  if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  Branch& b = branches_.back();
+  b.active = b.enclosing && (!b.taken || !reader_.options_.evaluateConditions);
+  b.taken = true;
+}
+void RequestParser::ifEnd() {
+  if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  branches_.pop_back();
+}
+
+void RequestParser::request() {
+  name_ = lexer_.text();
+  lexer_.position(line_, column_);
+  failed_ = false;
+  if (skipping() && !isConditional(name_)) {
+    next();
+    skipToRequest();
+    comments_.clear();
+    return;
+  }
+  const RequestHandler handler = findRequest(name_);
+  next();
+  if (!handler) {
+    if (reader_.warned_.size() < size_t(kMaxComplaints) && reader_.warned_.insert(name_).second) {
+      complain(Severity::kWarning, RiError::kBadToken,
+               fmt::format("request \"{}\" is not known; skipped", name_.substr(0, 60)));
+    }
+    skipToRequest();
+    return;
+  }
+  handler(*this);
+  if (lexer_.takeNonFinite()) warn(RiError::kMath, "a number of this request is not finite");
+  if (ok() && lexer_.kind() != TokenKind::kRequest && lexer_.kind() != TokenKind::kEnd) {
+    warn(RiError::kSyntax, fmt::format("{} is more than the request takes; skipped", describeToken()));
+  }
+  skipToRequest();
+}
+
+Result<void> RequestParser::run() {
+  next();
+  while (!stopped_) {
+    const TokenKind kind = lexer_.kind();
+    if (kind == TokenKind::kRequest) {
+      request();
+      flushComments();
+    } else if (kind == TokenKind::kEnd) {
+      break;
+    } else {
+      lexer_.position(line_, column_);
+      complain(Severity::kError, RiError::kSyntax,
+               fmt::format("a request is expected, not {}", describeToken()));
+      skipToRequest();
+      flushComments();
+    }
+    if (abortRequested())
+      return makeError(RiError::kNone, "stopped at the first error, as ErrorHandler asks");
+  }
+  flushComments();
+  if (const Error* e = lexer_.inputError()) {
+    Error placed = *e;
+    placed.where = lexer_.location();
+    report(placed);
+  }
+  if (!branches_.empty()) {
+    name_ = "IfBegin";
+    complain(Severity::kError, RiError::kNesting, fmt::format("{} IfBegin without IfEnd", branches_.size()));
+  }
+  if (stopError_) return *stopError_;
+  return {};
+}
+
+}  // namespace fr::ri

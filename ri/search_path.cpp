@@ -1,0 +1,76 @@
+#include "ri/search_path.h"
+
+#include <unistd.h>
+
+#include <cctype>
+#include <cstdlib>
+#include <filesystem>
+
+namespace fr::ri {
+namespace {
+
+std::string expandEnvironment(std::string_view s) {
+  std::string out;
+  for (size_t i = 0; i < s.size(); ++i) {
+    if (s[i] != '$') {
+      out += s[i];
+      continue;
+    }
+    const bool braces = i + 1 < s.size() && s[i + 1] == '{';
+    size_t from = i + (braces ? 2 : 1), to = from;
+    while (to < s.size() && (std::isalnum(static_cast<unsigned char>(s[to])) != 0 || s[to] == '_')) ++to;
+    if (to == from || (braces && (to >= s.size() || s[to] != '}'))) {
+      out += s[i];
+      continue;
+    }
+    if (const char* v = std::getenv(std::string(s.substr(from, to - from)).c_str())) out += v;
+    i = braces ? to : to - 1;
+  }
+  return out;
+}
+
+bool isDrive(std::string_view text, size_t from, size_t colon) {
+  return colon == from + 1 && std::isalpha(static_cast<unsigned char>(text[from])) != 0 &&
+         colon + 1 < text.size() && (text[colon + 1] == '/' || text[colon + 1] == '\\');
+}
+
+bool isFile(const std::filesystem::path& p) {
+  std::error_code ec;
+  return std::filesystem::exists(p, ec) && !std::filesystem::is_directory(p, ec) &&
+         ::access(p.c_str(), R_OK) == 0;
+}
+
+}  // namespace
+
+std::vector<std::string> parseSearchPath(std::string_view text, const std::vector<std::string>& previous,
+                                         const std::vector<std::string>& standard) {
+  std::vector<std::string> out;
+  size_t from = 0;
+  for (size_t i = 0; i <= text.size(); ++i) {
+    const bool separator = i == text.size() || text[i] == ';' || (text[i] == ':' && !isDrive(text, from, i));
+    if (!separator) continue;
+    const std::string_view part = text.substr(from, i - from);
+    from = i + 1;
+    if (part == "&") {
+      out.insert(out.end(), previous.begin(), previous.end());
+    } else if (part == "@") {
+      out.insert(out.end(), standard.begin(), standard.end());
+    } else if (!part.empty()) {
+      out.push_back(expandEnvironment(part));
+    }
+  }
+  return out;
+}
+
+std::string findFile(std::string_view name, const std::vector<std::string>& folders) {
+  const std::filesystem::path file{expandEnvironment(name)};
+  if (file.empty()) return {};
+  if (file.is_absolute()) return isFile(file) ? file.string() : std::string();
+  for (const std::string& f : folders) {
+    const std::filesystem::path p = f.empty() || f == "." ? file : std::filesystem::path(f) / file;
+    if (isFile(p)) return p.string();
+  }
+  return isFile(file) ? file.string() : std::string();
+}
+
+}  // namespace fr::ri
