@@ -131,6 +131,7 @@ struct BasisSteps {
 struct ValueCounts {
   uint64_t constant = 1, uniform = 1, varying = 1, vertex = 1, faceVarying = 1;
   uint64_t of(StorageClass c) const;
+  bool operator==(const ValueCounts&) const = default;
 };
 
 /// How many values each class of variable of `p` must have (RISpec 3.2, section 5). For primitives whose

@@ -57,6 +57,7 @@ struct RetainedObject {
   };
   Handle handle;
   std::vector<Shape> shapes;
+  int nesting = 0;  ///< instances within instances below this one
 };
 
 class StateRenderer : public Renderer {
@@ -207,7 +208,6 @@ class StateRenderer : public Renderer {
   PathLists standardPaths_;
   std::optional<Motion> motion_;
   std::shared_ptr<RetainedObject> object_;  // being recorded
-  TransformPtr objectBase_;                 // CTM at ObjectBegin
   std::map<std::string, std::shared_ptr<const RetainedObject>, std::less<>> objects_;
   std::set<std::string, std::less<>> said_;
   mutable Param frameVariable_;

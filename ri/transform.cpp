@@ -7,7 +7,8 @@ namespace fr::ri {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
-constexpr double kLargestTurn = 10.0;  // degrees between two keys: a point leaves its circle by 0.4 % of the radius
+constexpr double kLargestTurn =
+    10.0;  // degrees between two keys: a point leaves its circle by 0.4 % of the radius
 constexpr int kMostSteps = 128;
 
 Result<DMat4> rotation(double angle, const DVec3& axis) {
@@ -22,8 +23,8 @@ Result<DMat4> rotation(double angle, const DVec3& axis) {
   return m;
 }
 
-// Shears along d2 in proportion to the part of a point that is square to d2, so that d1 turns towards d2 by `angle`
-// (RISpec 3.2, "Skew").
+// Shears along d2 in proportion to the part of a point that is square to d2, so that d1 turns towards d2 by
+// `angle` (RISpec 3.2, "Skew").
 Result<DMat4> shear(double angle, const DVec3& axis1, const DVec3& axis2) {
   const double l1 = glm::length(axis1), l2 = glm::length(axis2);
   if (!(l1 > 0) || !(l2 > 0)) return makeError(RiError::kRange, "an axis of Skew has no length");
@@ -45,7 +46,8 @@ Result<DMat4> shear(double angle, const DVec3& axis1, const DVec3& axis2) {
 }
 
 Result<DMat4> perspective(double fov) {
-  if (!(fov > 0 && fov < 180)) return makeError(RiError::kRange, "Perspective with a field of view of {}", fov);
+  if (!(fov > 0 && fov < 180))
+    return makeError(RiError::kRange, "Perspective with a field of view of {}", fov);
   const double d = std::tan(fov * 0.5 * kDegree);
   DMat4 m(0);
   m[0][0] = m[1][1] = 1;
@@ -116,18 +118,27 @@ Result<DMat4> TransformRequest::matrix() const {
   const auto v = [&](size_t i) { return DVec3(a[i], a[i + 1], a[i + 2]); };
   Result<DMat4> r = DMat4(1);
   switch (kind) {
-    case Kind::kIdentity: break;
+    case Kind::kIdentity:
+      break;
     case Kind::kTransform:
     case Kind::kConcat:
       for (int i = 0; i < 16; ++i) (*r)[i / 4][i % 4] = a[size_t(i)];
       break;
-    case Kind::kPerspective: r = perspective(a[0]); break;
-    case Kind::kTranslate: (*r)[3] = DVec4(v(0), 1); break;
-    case Kind::kRotate: r = rotation(a[0], v(1)); break;
+    case Kind::kPerspective:
+      r = perspective(a[0]);
+      break;
+    case Kind::kTranslate:
+      (*r)[3] = DVec4(v(0), 1);
+      break;
+    case Kind::kRotate:
+      r = rotation(a[0], v(1));
+      break;
     case Kind::kScale:
       for (int i = 0; i < 3; ++i) (*r)[i][i] = a[size_t(i)];
       break;
-    case Kind::kSkew: r = shear(a[0], v(1), v(4)); break;
+    case Kind::kSkew:
+      r = shear(a[0], v(1), v(4));
+      break;
   }
   if (r && !isFiniteMatrix(*r)) {
     return makeError(RiError::kMath, "{}: a number is not finite", transformRequestName(kind));
@@ -135,7 +146,8 @@ Result<DMat4> TransformRequest::matrix() const {
   return r;
 }
 
-Result<Transform> movingTransform(const std::vector<float>& times, const std::vector<TransformRequest>& requests) {
+Result<Transform> movingTransform(const std::vector<float>& times,
+                                  const std::vector<TransformRequest>& requests) {
   if (times.size() != requests.size() || times.empty()) {
     return makeError(RiError::kBadMotion, "{} requests for {} times", requests.size(), times.size());
   }

@@ -1,0 +1,321 @@
+// StateRenderer: attributes, shaders, lights, and geometry under them.
+#include <algorithm>
+#include <cmath>
+
+#include "ri/state_renderer.h"
+
+namespace fr::ri {
+
+// Inside an object only the requests that are part of the geometry count; the rest comes from the instance.
+bool StateRenderer::attributeAllowed(const char* request) {
+  if (object_) {
+    reportOnceHere(
+        RiError::kNotAttributes, Severity::kWarning,
+        fmt::format("{} inside an Object block is ignored; attributes come from ObjectInstance", request));
+    return false;
+  }
+  return motionSample(request);
+}
+
+std::optional<Color> StateRenderer::toRgb(std::span<const float> c, const char* request) {
+  const Options& o = state_.options();
+  const size_t n = o.nRgb.empty() ? 3 : o.nRgb.size() / 3;
+  if (c.size() != n) {
+    reportHere(RiError::kConsistency, Severity::kError,
+               fmt::format("{}: {} numbers, expected {}; ignored", request, c.size(), n));
+    return std::nullopt;
+  }
+  if (o.nRgb.empty()) return Color(c[0], c[1], c[2]);
+  Color rgb(0);
+  for (size_t i = 0; i < n; ++i) rgb += c[i] * Color(o.nRgb[3 * i], o.nRgb[3 * i + 1], o.nRgb[3 * i + 2]);
+  return rgb;
+}
+
+void StateRenderer::color(std::span<const float> c) {
+  if (!attributeAllowed("Color")) return;
+  if (const auto rgb = toRgb(c, "Color")) state_.editAttributes().color = *rgb;
+}
+void StateRenderer::opacity(std::span<const float> c) {
+  if (!attributeAllowed("Opacity")) return;
+  if (const auto rgb = toRgb(c, "Opacity")) state_.editAttributes().opacity = *rgb;
+}
+
+void StateRenderer::textureCoordinates(const std::array<float, 8>& st) {
+  if (attributeAllowed("TextureCoordinates")) state_.editAttributes().textureCoordinates = st;
+}
+
+ShaderPtr StateRenderer::makeShader(ShaderKind kind, std::string name, ParamList params) {
+  auto s = std::make_shared<ShaderInstance>();
+  s->kind = kind;
+  s->name = std::move(name);
+  s->params = std::move(params);
+  s->shaderSpace = state_.place();
+  s->location = location();
+  return s;
+}
+
+void StateRenderer::shader(ShaderKind kind, std::string name, ParamList params) {
+  const char* request = shaderKindName(kind);
+  if (kind == ShaderKind::kImager ? !optionAllowed(request) : !attributeAllowed(request)) return;
+  // "null" is a shader of its own for surfaces (nothing is drawn); for the others it is their absence.
+  const bool none = name.empty() || (name == "null" && kind != ShaderKind::kSurface);
+  ShaderPtr s = none ? nullptr : makeShader(kind, std::move(name), std::move(params));
+  if (kind == ShaderKind::kImager) {
+    state_.editOptions().imager = std::move(s);
+    return;
+  }
+  AttributeState& a = state_.editAttributes();
+  switch (kind) {
+    case ShaderKind::kSurface:
+      a.surface = std::move(s);
+      break;
+    case ShaderKind::kDisplacement:
+      a.displacement = std::move(s);
+      break;
+    case ShaderKind::kAtmosphere:
+      a.atmosphere = std::move(s);
+      break;
+    case ShaderKind::kInterior:
+      a.interior = std::move(s);
+      break;
+    case ShaderKind::kExterior:
+      a.exterior = std::move(s);
+      break;
+    case ShaderKind::kDeformation:
+      a.deformation = std::move(s);
+      break;
+    default:
+      break;
+  }
+}
+
+void StateRenderer::lightSource(std::string name, Handle handle, ParamList params) {
+  if (!attributeAllowed("LightSource")) return;
+  onLight(state_.addLight(std::move(handle), false,
+                          makeShader(ShaderKind::kLight, std::move(name), std::move(params))));
+}
+
+void StateRenderer::areaLightSource(std::string name, Handle handle, ParamList params) {
+  if (!attributeAllowed("AreaLightSource")) return;
+  if (name.empty() || name == "null") {
+    state_.editAttributes().areaLight = -1;
+    return;
+  }
+  onLight(state_.addLight(std::move(handle), true,
+                          makeShader(ShaderKind::kAreaLight, std::move(name), std::move(params))));
+}
+
+void StateRenderer::illuminate(Handle light, bool on) {
+  if (!attributeAllowed("Illuminate")) return;
+  const LightInstance* l = state_.findLight(light);
+  if (!l) {
+    return reportHere(RiError::kBadHandle, Severity::kError,
+                      fmt::format("Illuminate: light \"{}\" is not known", light.name));
+  }
+  state_.illuminate(l->index, on);
+}
+
+void StateRenderer::shaderLayer(std::string, std::string, std::string, ParamList) {
+  reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                 "ShaderLayer is ignored: layered shaders are not known");
+}
+void StateRenderer::connectShaderLayers(std::string, std::string, std::string, std::string, std::string) {
+  reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                 "ConnectShaderLayers is ignored: layered shaders are not known");
+}
+
+void StateRenderer::shadingRate(double size) {
+  if (!attributeAllowed("ShadingRate")) return;
+  if (!(size > 0)) {
+    return reportHere(RiError::kRange, Severity::kError, fmt::format("ShadingRate {}; ignored", size));
+  }
+  state_.editAttributes().shadingRate = float(std::min(size, 1e30));
+}
+
+void StateRenderer::shadingInterpolation(std::string type) {
+  if (!attributeAllowed("ShadingInterpolation")) return;
+  if (type != "constant" && type != "smooth") {
+    return reportHere(RiError::kBadToken, Severity::kError,
+                      fmt::format("ShadingInterpolation \"{}\" is not known", type));
+  }
+  state_.editAttributes().smoothShading = type == "smooth";
+}
+
+void StateRenderer::matte(bool on) {
+  if (attributeAllowed("Matte")) state_.editAttributes().matte = on;
+}
+void StateRenderer::bound(const Bound& b) {
+  if (attributeAllowed("Bound")) state_.editAttributes().bound = b;
+}
+void StateRenderer::detail(const Bound& b) {
+  if (attributeAllowed("Detail")) state_.editAttributes().detail = b;
+}
+
+void StateRenderer::detailRange(double offLow, double onLow, double onHigh, double offHigh) {
+  if (!attributeAllowed("DetailRange")) return;
+  if (!(offLow <= onLow && onLow <= onHigh && onHigh <= offHigh)) {
+    return reportHere(RiError::kRange, Severity::kError,
+                      "DetailRange: the four numbers must not fall; ignored");
+  }
+  state_.editAttributes().detailRange = {float(offLow), float(onLow), float(onHigh), float(offHigh)};
+}
+
+void StateRenderer::geometricApproximation(std::string type, double value) {
+  if (!attributeAllowed("GeometricApproximation")) return;
+  AttributeState& a = state_.editAttributes();
+  if (type == "flatness") {
+    a.flatness = float(value);
+  } else if (type == "motionfactor") {
+    a.motionFactor = float(value);
+  } else if (type == "focusfactor") {
+    a.focusFactor = float(value);
+  } else {
+    reportOnceHere(RiError::kBadToken, Severity::kWarning,
+                   fmt::format("GeometricApproximation \"{}\" is not known", type));
+  }
+}
+
+void StateRenderer::geometricRepresentation(std::string type) {
+  if (type != "primitive") {
+    reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                   fmt::format("GeometricRepresentation \"{}\" is not rendered", type));
+  }
+}
+
+void StateRenderer::orientation(std::string o) {
+  if (!attributeAllowed("Orientation")) return;
+  AttributeState& a = state_.editAttributes();
+  // Object space is left-handed when the way to camera space swaps nothing (camera space is left-handed).
+  const auto rightHanded = [&] {
+    return isMirrored(state_.ctm().matrices.front()) !=
+           (state_.inWorld() && isMirrored(state_.worldToCamera()->matrices.front()));
+  };
+  if (o == "outside") {
+    a.reversed = false;
+  } else if (o == "inside") {
+    a.reversed = true;
+  } else if (o == "lh") {
+    a.reversed = rightHanded();
+  } else if (o == "rh") {
+    a.reversed = !rightHanded();
+  } else {
+    reportHere(RiError::kBadToken, Severity::kError, fmt::format("Orientation \"{}\" is not known", o));
+  }
+}
+
+void StateRenderer::reverseOrientation() {
+  if (!attributeAllowed("ReverseOrientation")) return;
+  AttributeState& a = state_.editAttributes();
+  a.reversed = !a.reversed;
+}
+
+void StateRenderer::sides(int n) {
+  if (!attributeAllowed("Sides")) return;
+  if (n != 1 && n != 2)
+    return reportHere(RiError::kRange, Severity::kError, fmt::format("Sides {}; ignored", n));
+  state_.editAttributes().sides = n;
+}
+
+void StateRenderer::attribute(std::string category, ParamList params) {
+  if (!attributeAllowed("Attribute")) return;
+  for (Param& p : params.params()) state_.editAttributes().values.set(category, std::move(p));
+}
+
+// Basis and TrimCurve are kept with the primitive, so objects may hold them.
+void StateRenderer::basis(BasisArgument u, BasisArgument v) {
+  Basis b;
+  const auto resolve = [&](const BasisArgument& arg, DMat4& m, int& step) {
+    std::optional<DMat4> named = arg.name.empty() ? arg.matrix : namedBasis(arg.name);
+    if (!named) {
+      reportHere(RiError::kBadToken, Severity::kError,
+                 fmt::format("Basis \"{}\" is not known; ignored", arg.name));
+      return false;
+    }
+    if (arg.step < 1) {
+      reportHere(RiError::kRange, Severity::kError, fmt::format("Basis with step {}; ignored", arg.step));
+      return false;
+    }
+    m = *named;
+    step = arg.step;
+    return true;
+  };
+  if (!resolve(u, b.u, b.uStep) || !resolve(v, b.v, b.vStep)) return;
+  if (b == *state_.attributes().basis) return;
+  state_.editAttributes().basis = std::make_shared<const Basis>(b);
+}
+
+void StateRenderer::trimCurve(TrimCurve curves) {
+  if (!check(checkTrimCurve(curves))) return;
+  AttributeState& a = state_.editAttributes();
+  a.trimCurve = curves.ncurves.empty() ? nullptr : std::make_shared<const TrimCurve>(std::move(curves));
+}
+
+void StateRenderer::resource(std::string, std::string type, ParamList) {
+  reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                 fmt::format("Resource \"{}\" is ignored", type));
+}
+
+// ---- geometry ----
+
+void StateRenderer::primitive(Primitive p) {
+  const std::string name = primitiveName(p);
+  if (!state_.inWorld() && !object_) {
+    return reportOnceHere(RiError::kNotPrimitives, Severity::kError,
+                          fmt::format("{} outside WorldBegin and WorldEnd; ignored", name));
+  }
+  if (motion_) {
+    motionSample(name);
+    if (motion_->request == name) motion_->primitives.push_back(std::move(p));
+    return;
+  }
+  std::vector<Primitive> one;
+  one.push_back(std::move(p));
+  emit({}, std::move(one));
+}
+
+void StateRenderer::emit(std::vector<float> times, std::vector<Primitive> samples) {
+  const AttributeState& a = state_.attributes();
+  const BasisSteps steps{a.basis->uStep, a.basis->vStep};
+  auto m = std::make_shared<MovingPrimitive>();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    Result<PrimitiveCheck> c = checkPrimitive(samples[i], steps);
+    if (!c) return void(check(c.error()));
+    for (const Error& e : c->dropped) reportHere(e.code, e.severity, e.message + "; ignored");
+    if (i == 0) m->counts = c->counts;
+    if (!(c->counts == m->counts)) {
+      return reportHere(RiError::kBadMotion, Severity::kError,
+                        fmt::format("{}: motion sample {} has another shape than the first; dropped",
+                                    primitiveName(samples[i]), i + 1));
+    }
+  }
+  if (samples.size() > 1) m->times = std::move(times);
+  m->samples = std::move(samples);
+  m->basis = a.basis;
+  if (std::holds_alternative<NuPatch>(m->samples[0])) m->trimCurve = a.trimCurve;
+  m->location = location();
+  if (object_) return addShape({MovingPrimitivePtr(std::move(m)), nullptr, location()});
+  onPrimitive({std::move(m), state_.shareAttributes(), state_.shareCtm()});
+}
+
+void StateRenderer::procedural(Procedural p) {
+  if (!state_.inWorld() && !object_) {
+    return reportOnceHere(RiError::kNotPrimitives, Severity::kError,
+                          "Procedural outside WorldBegin and WorldEnd; ignored");
+  }
+  if (!motionSample("Procedural")) return;
+  auto shared = std::make_shared<const Procedural>(std::move(p));
+  if (object_) return addShape({std::move(shared), nullptr, location()});
+  onProcedural({std::move(shared), state_.shareAttributes(), state_.shareCtm(), location()});
+}
+
+// ---- the rest ----
+
+void StateRenderer::makeTexture(MakeKind kind, MakeTextureArgs args) { onMakeTexture(kind, args); }
+void StateRenderer::errorHandler(std::string) {}
+void StateRenderer::declare(std::string, std::string) {}
+void StateRenderer::readArchive(std::string, ParamList) {}
+void StateRenderer::archiveBegin(Handle, ParamList) {}
+void StateRenderer::archiveEnd() {}
+void StateRenderer::archiveRecord(RecordKind, std::string) {}
+
+}  // namespace fr::ri
