@@ -114,6 +114,8 @@ enum AttributeFlags : uint32_t {
                             // set when N = dPdu x dPdv (current space) has to be flipped
   kRayDisplacements = 8,    // rays see the displaced surface (default); clear: undisplaced
   kDoubleShaded = 16,
+  kReverseInCacheSpace = 32,  // the same outcome for dPdu x dPdv computed in cache space (differs from kReverseOrientation
+                              // when the camera transform is mirrored): what dicing and tracing use
 };
 
 /// One attribute state, stored once for all primitives made under it.

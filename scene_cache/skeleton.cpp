@@ -86,8 +86,8 @@ DMat4 Skeleton::toWorld(TransformId id, float time) const {
 
 DMat4 Skeleton::toCache(TransformId id, float time) const {
   DMat4 m = toWorld(id, time);
-  // The origin is subtracted in double before anything is rounded; w is 1 for all object transforms.
-  m[3] -= DVec4(header_->cacheOrigin * m[3].w, 0.0);
+  // The origin is subtracted in double before anything is rounded.
+  for (int c = 0; c < 4; ++c) m[c] -= DVec4(header_->cacheOrigin * m[c].w, 0.0);
   return m;
 }
 

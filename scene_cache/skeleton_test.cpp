@@ -1,6 +1,5 @@
 #include <gtest/gtest.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cstring>
@@ -10,49 +9,11 @@
 #include "ri/param_list.h"
 #include "scene_cache/cache.h"
 #include "scene_cache/motion.h"
+#include "scene_cache/skeleton_image.h"
 #include "scene_cache/skeleton_writer.h"
 
 namespace fr::cache {
 namespace {
-
-/// A page-aligned private copy of a finished skeleton, to be damaged at will. The bytes end at an
-/// inaccessible page, so a read beyond them ends the test.
-class Image {
- public:
-  explicit Image(std::span<const std::byte> bytes) { assign(bytes); }
-  explicit Image(int fd) {
-    struct stat st;
-    fstat(fd, &st);
-    void* p = mmap(nullptr, size_t(st.st_size), PROT_READ, MAP_SHARED, fd, 0);
-    assign({static_cast<std::byte*>(p), size_t(st.st_size)});
-    munmap(p, size_t(st.st_size));
-    close(fd);
-  }
-  ~Image() { munmap(base_, mapped_); }
-  Image(const Image&) = delete;
-  std::span<std::byte> bytes() { return {data_, size_}; }
-  SkeletonHeader& header() { return *reinterpret_cast<SkeletonHeader*>(data_); }
-  template <class T>
-  std::span<T> table(const Range& r) {
-    return {reinterpret_cast<T*>(data_ + r.offset), size_t(r.count)};
-  }
-
- private:
-  void assign(std::span<const std::byte> bytes) {
-    const size_t page = size_t(sysconf(_SC_PAGESIZE));
-    size_ = bytes.size();
-    const size_t room = (size_ + page - 1) / page * page;
-    mapped_ = room + page;
-    base_ = static_cast<std::byte*>(
-        mmap(nullptr, mapped_, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
-    mprotect(base_ + room, page, PROT_NONE);
-    data_ = base_ + room - (size_ + 63) / 64 * 64;
-    std::memcpy(data_, bytes.data(), size_);
-  }
-  std::byte* base_ = nullptr;
-  std::byte* data_ = nullptr;
-  size_t size_ = 0, mapped_ = 0;
-};
 
 CameraRecord camera() {
   CameraRecord c{};
@@ -208,7 +169,7 @@ uint64_t walk(const Skeleton& s) {
 TEST(Skeleton, RoundTrip) {
   auto fd = makeScene();
   ASSERT_TRUE(fd.ok()) << fd.error().str();
-  Image image(*fd);
+  SkeletonImage image(*fd);
   auto opened = Skeleton::open(image.bytes(), true);
   ASSERT_TRUE(opened.ok()) << opened.error().str();
   const Skeleton& s = *opened;
@@ -289,7 +250,7 @@ TEST(Skeleton, RollBackForgetsAHalfMadePrimitive) {
 
 TEST(Skeleton, RefusesOtherVersionsByName) {
   auto fd = makeScene();
-  Image image(*fd);
+  SkeletonImage image(*fd);
   image.header().version = kFormatVersion + 7;
   auto r = Skeleton::open(image.bytes(), false);
   ASSERT_FALSE(r.ok());
@@ -306,16 +267,16 @@ TEST(Skeleton, RefusesOtherVersionsByName) {
 
 TEST(Skeleton, RefusesEveryTruncation) {
   auto fd = makeScene();
-  Image whole(*fd);
+  SkeletonImage whole(*fd);
   for (size_t n = 0; n < whole.bytes().size(); ++n) {
-    Image part(whole.bytes().first(n));
+    SkeletonImage part(whole.bytes().first(n));
     EXPECT_FALSE(Skeleton::open(part.bytes(), false).ok()) << n;
   }
 }
 
 TEST(Skeleton, ChecksumFindsEveryFlippedBit) {
   auto fd = makeScene();
-  Image image(*fd);
+  SkeletonImage image(*fd);
   for (size_t i = sizeof(SkeletonHeader); i < image.bytes().size(); ++i) {
     image.bytes()[i] ^= std::byte(1 << (i % 8));
     EXPECT_FALSE(Skeleton::open(image.bytes(), true).ok()) << i;
@@ -326,7 +287,7 @@ TEST(Skeleton, ChecksumFindsEveryFlippedBit) {
 
 TEST(Skeleton, DamageIsRefusedOrHarmless) {
   auto fd = makeScene();
-  Image image(*fd);
+  SkeletonImage image(*fd);
   const auto bytes = image.bytes();
   size_t refused = 0, accepted = 0;
   uint64_t sum = 0;

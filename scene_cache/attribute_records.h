@@ -1,0 +1,75 @@
+// Attribute states, shaders, lights and transforms of the RI as records of the skeleton.
+#pragma once
+
+#include <memory>
+#include <unordered_map>
+#include <vector>
+
+#include "ri/graphics_state.h"
+#include "scene_cache/skeleton_writer.h"
+
+namespace fr::cache {
+
+/// Remembers what became of immutable shared objects. Holds them, so that an address is not reused for
+/// another; forgets all when it grows large (the writer finds equal content again).
+template <class T, class Id>
+class IdentityCache {
+ public:
+  const Id* find(const std::shared_ptr<const T>& p) const {
+    const auto it = ids_.find(p.get());
+    return it == ids_.end() ? nullptr : &it->second.second;
+  }
+  Id add(const std::shared_ptr<const T>& p, Id id) {
+    if (ids_.size() >= 4096) ids_.clear();
+    ids_.emplace(p.get(), std::pair(p, id));
+    return id;
+  }
+
+ private:
+  std::unordered_map<const T*, std::pair<std::shared_ptr<const T>, Id>> ids_;
+};
+
+/// Visibility bits and shadow mode from Attribute "render" (BMRT) and "visibility", "shade" (PRMan), which
+/// say the same things in two ways. Nothing given: visible to all rays, shadows by Os.
+struct RayVisibility {
+  uint32_t bits = kVisibleCamera | kVisibleReflection | kVisibleShadow;
+  CastsShadows castsShadows = CastsShadows::kOs;
+};
+RayVisibility rayVisibility(const ri::NamedValues& attributes);
+
+/// Largest factor by which the linear part of `m` stretches a vector (its largest singular value).
+double largestStretch(const DMat4& m);
+
+/// The records of one world. Not thread-safe.
+class AttributeRecords {
+ public:
+  /// `worldToCamera` decides orientation; `shadingRate`, when set, replaces every ShadingRate.
+  AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, ri::TransformPtr worldToCamera,
+                   std::optional<float> shadingRate);
+
+  TransformId transform(const ri::TransformPtr& t);
+  /// The state `a` for a primitive with this transform: displacement bound in world units, orientation.
+  AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld);
+  /// kNone for a null pointer.
+  ShaderId shader(const ri::ShaderPtr& s);
+  /// The shader of light `index` of the graphics state.
+  ShaderId light(int index);
+  size_t lightCount() const { return lights_.size(); }
+
+ private:
+  AttributeRecord baseRecord(const ri::AttributeState& a, bool withLights);
+  ShaderRecord shaderRecord(const ri::ShaderInstance& s);
+  float displacementBound(const ri::AttributeState& a, const ri::TransformPtr& objectToWorld) const;
+
+  SkeletonWriter& writer_;
+  const ri::GraphicsState& state_;
+  ri::TransformPtr worldToCamera_;
+  std::optional<float> shadingRate_;
+  IdentityCache<ri::Transform, TransformId> transforms_;
+  IdentityCache<ri::ShaderInstance, ShaderId> shaders_;
+  IdentityCache<ri::AttributeState, AttributeRecord> states_;
+  // By index; the shader pointer tells whether the index still means the same light.
+  std::unordered_map<int, std::pair<ri::ShaderPtr, ShaderId>> lights_;
+};
+
+}  // namespace fr::cache

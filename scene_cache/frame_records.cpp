@@ -1,0 +1,165 @@
+#include "scene_cache/frame_records.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "ri/camera.h"
+#include "scene_cache/skeleton_check.h"
+
+namespace fr::cache {
+namespace {
+
+/// A number of the RI as a float inside a range; not finite: `otherwise`.
+float clampedFloat(double x, double low, double high, double otherwise) {
+  return float(std::isfinite(x) ? std::clamp(x, low, high) : otherwise);
+}
+constexpr double kLargest = kRiInfinity;
+
+CameraRecord cameraRecord(const ri::Camera& c, const ri::Options& o, TransformId worldToCamera) {
+  CameraRecord r{};
+  r.worldToCamera = worldToCamera;
+  r.projection = c.perspective ? ProjectionType::kPerspective : ProjectionType::kOrthographic;
+  r.fov = clampedFloat(c.fov, 1e-3, 179.999, 90);
+  for (size_t i = 0; i < 4; ++i) {
+    r.screenWindow[i] = clampedFloat(c.screenWindow[i], -kLargest, kLargest, i % 2 ? 1 : -1);
+    r.cropWindow[i] = clampedFloat(o.cropWindow[i], 0, 1, double(i % 2));
+  }
+  if (c.xres > kMaxResolution || c.yres > kMaxResolution)
+    report(makeError(RiError::kLimit, "an image of {} x {} pixels; sides are limited to {}", c.xres, c.yres,
+                     kMaxResolution));
+  r.resolution[0] = std::clamp(c.xres, 1, kMaxResolution);
+  r.resolution[1] = std::clamp(c.yres, 1, kMaxResolution);
+  r.pixelAspect = clampedFloat(c.pixelAspect, 1e-6, 1e6, 1);
+  r.frameAspect = clampedFloat(c.frameAspect, 1e-6, 1e6, 1);
+  r.cropPixels[0] = std::clamp(c.crop.x0, 0, r.resolution[0] - 1);
+  r.cropPixels[1] = std::clamp(c.crop.x1 - 1, -1, r.resolution[0] - 1);
+  r.cropPixels[2] = std::clamp(c.crop.y0, 0, r.resolution[1] - 1);
+  r.cropPixels[3] = std::clamp(c.crop.y1 - 1, -1, r.resolution[1] - 1);
+  r.clipping[0] = clampedFloat(c.near, 0, kLargest, 1e-10);
+  r.clipping[1] = clampedFloat(c.far, 0, kLargest, kLargest);
+  r.shutter[0] = clampedFloat(c.shutterOpen, -kLargest, kLargest, 0);
+  r.shutter[1] = clampedFloat(c.shutterClose, -kLargest, kLargest, 0);
+  r.dof[0] = c.depthOfField ? clampedFloat(c.fstop, 0, kLargest, kLargest) : kRiInfinity;
+  r.dof[1] = clampedFloat(c.focalLength, 0, kLargest, 0);
+  r.dof[2] = clampedFloat(c.focalDistance, 0, kLargest, 1);
+  return r;
+}
+
+void setQuantize(const ri::QuantizeState& q, float out[4]) {
+  out[0] = float(q.one), out[1] = float(q.min), out[2] = float(q.max), out[3] = q.dither;
+}
+
+DisplayRecord displayRecord(const ri::DisplayRequest& d, const ri::Options& o, SkeletonWriter& w) {
+  DisplayRecord r{};
+  r.name = w.intern(d.name);
+  r.type = w.intern(d.type);
+  r.mode = w.intern(d.mode);
+  r.params = w.addParams(d.params);
+  setQuantize(d.mode == "z" ? o.quantizeDepth : o.quantizeColor, r.quantize);
+  // PRMan's per-display parameters: "quantize" is zero one min max.
+  if (const ri::Param* q = d.params.find("quantize"); q && q->elementCount() >= 4)
+    for (size_t i = 0; i < 3; ++i) r.quantize[i] = ri::toFloat(*q, r.quantize[i], i + 1);
+  r.quantize[3] = d.params.getFloat("dither", r.quantize[3]);
+  r.exposure[0] = float(o.gain), r.exposure[1] = float(o.gamma);
+  if (const ri::Param* e = d.params.find("exposure"); e && e->elementCount() >= 2)
+    for (size_t i = 0; i < 2; ++i) r.exposure[i] = ri::toFloat(*e, r.exposure[i], i);
+  return r;
+}
+
+StringId joinedPath(const ri::Options& o, const char* category, SkeletonWriter& w) {
+  const auto it = o.searchPaths.find(category);
+  if (it == o.searchPaths.end()) return 0;
+  std::string all;
+  for (const std::string& folder : it->second) {
+    if (!all.empty()) all += ':';
+    all += folder;
+  }
+  return w.intern(all);
+}
+
+}  // namespace
+
+ri::Options overridden(ri::Options o, const FrameOverrides& with) {
+  if (with.resolution) {
+    // A new resolution with the RIB's shape of the frame would shrink the image the user asked for.
+    o.resolution = with.resolution;
+    o.frameAspect.reset();
+  }
+  if (with.crop) o.cropWindow = *with.crop;
+  if (with.pixelSamples) {
+    o.pixelSamples = *with.pixelSamples;
+    o.pixelSamplesGiven = true;
+  }
+  if (!with.displays.empty()) {
+    o.displays.clear();
+    for (const DisplayOverride& d : with.displays) o.displays.push_back({d.name, d.type, d.mode, {}});
+  }
+  return o;
+}
+
+void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCamera, int frameNumber,
+                       AttributeRecords& records, SkeletonWriter* writer) {
+  SkeletonWriter& w = *writer;
+  if (!o.clippingPlanes.empty())
+    reportOnce("ClippingPlane", {RiError::kUnimplemented,
+                                 Severity::kWarning,
+                                 {},
+                                 "ClippingPlane is not implemented; nothing is cut away"});
+  if (o.screenTransform)
+    reportOnce("screen transform", {RiError::kUnimplemented,
+                                    Severity::kWarning,
+                                    {},
+                                    "transformations before Projection are not implemented; ignored"});
+  const ri::Camera c = ri::makeCamera(o, worldToCamera);
+  w.setCamera(cameraRecord(c, o, records.transform(worldToCamera)));
+  const DVec3 origin = chooseCacheOrigin(worldToCamera ? worldToCamera->matrices.front() : DMat4(1), c.near);
+  w.setCacheOrigin(origin);
+
+  OptionsRecord r{};
+  for (size_t i = 0; i < 2; ++i) {
+    r.pixelSamples[i] = clampedFloat(o.pixelSamples[i], 1, 4096, 2);
+    r.filterWidth[i] = clampedFloat(o.filterWidth[i], 1e-3, 1024, 2);
+  }
+  r.filter = w.intern(ri::filterName(o.filter));
+  r.exposure[0] = clampedFloat(o.gain, -kLargest, kLargest, 1);
+  r.exposure[1] = clampedFloat(o.gamma, -kLargest, kLargest, 1);
+  setQuantize(o.quantizeColor, r.quantizeRgba);
+  setQuantize(o.quantizeDepth, r.quantizeZ);
+  r.pixelVariance = clampedFloat(o.pixelVariance.value_or(0), 0, kLargest, 0);
+  r.hider = w.intern(o.hider);
+  r.hiderParams = w.addParams(o.hiderParams);
+  r.imager = records.shader(o.imager);
+  std::vector<DisplayRecord> displays;
+  displays.reserve(o.displays.size());
+  for (const ri::DisplayRequest& d : o.displays) displays.push_back(displayRecord(d, o, w));
+  r.displays = w.addDisplays(displays);
+  std::vector<ParamRecord> params;
+  params.reserve(o.values.all().size());
+  for (const auto& [name, p] : o.values.all()) params.push_back(w.makeParam(p, name));
+  r.options = w.addParams(params);
+  const int depth = o.values.getInt("trace:maxdepth", o.values.getInt("render:max_raylevel", 4));
+  r.maxRayLevel = std::clamp(depth, 0, 1000);
+  r.frameNumber = frameNumber;
+  w.setOptions(r);
+
+  std::vector<StringId> paths;
+  for (const char* category : {"shader", "texture", "archive", "procedural", "display"})
+    paths.push_back(joinedPath(o, category, w));
+  w.setSearchPaths(paths);
+}
+
+DVec3 chooseCacheOrigin(const DMat4& worldToCamera, double nearClip) {
+  const double det = glm::determinant(worldToCamera);
+  if (!(std::abs(det) > 0) || !std::isfinite(det)) return DVec3(0);
+  const DVec3 eye = transformPoint(glm::inverse(worldToCamera), DVec3(0));
+  if (!std::isfinite(eye.x) || !std::isfinite(eye.y) || !std::isfinite(eye.z)) return DVec3(0);
+  // An unset near plane (RI_EPSILON) says nothing about the scene's scale.
+  double step = 64;
+  if (nearClip > 1e-6 && nearClip < 1e6)
+    step = std::exp2(std::clamp(std::ceil(std::log2(64 * nearClip)), -10.0, 20.0));
+  // + 0.0: no negative zeros, which would differ in content from positive ones.
+  const auto snapped = [&](double x) { return std::nearbyint(x / step) * step + 0.0; };
+  return {snapped(eye.x), snapped(eye.y), snapped(eye.z)};
+}
+
+}  // namespace fr::cache

@@ -1,0 +1,243 @@
+#include "scene_cache/scene_builder.h"
+
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "scene_cache/frame_records.h"
+#include "scene_cache/primitive.h"
+
+namespace fr::cache {
+
+Frame::~Frame() {
+  if (fd_ >= 0) close(fd_);
+}
+
+/// The world that is being built.
+struct SceneBuilder::World {
+  World(SkeletonWriter w, const ri::GraphicsState& state, const LoadOptions& options)
+      : writer(std::move(w)), records(writer, state, state.worldToCamera(), options.overrides.shadingRate) {}
+  SkeletonWriter writer;
+  AttributeRecords records;
+  FrameCounts counts;
+  int number = 0;
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+};
+
+SceneBuilder::SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths)
+    : StateRenderer(std::move(standardPaths)), options_(options), onFrame_(std::move(onFrame)) {}
+SceneBuilder::~SceneBuilder() = default;
+
+void SceneBuilder::notImplemented(std::string_view request, std::string_view consequence,
+                                  const SourceLocation& where) {
+  if (!saidNotImplemented_.emplace(request).second) return;
+  report({RiError::kUnimplemented, Severity::kWarning, where,
+          fmt::format("{} is not implemented; {} (said once)", request, consequence)});
+}
+
+// ---- worlds
+// --------------------------------------------------------------------------------------------------------
+
+void SceneBuilder::onWorldBegin() {
+  ++worldsSeen_;
+  if (abortRequested()) stopped_ = true;
+  const int number = state().inside(ri::BlockKind::kFrame) ? state().frame() : worldsSeen_;
+  const bool wanted =
+      !options_.frames || (number >= options_.frames->first && number <= options_.frames->second);
+  if (stopped_ || failure_ || !wanted) return;
+  auto writer = SkeletonWriter::create();
+  if (!writer) {
+    failure_ = std::move(writer).error();
+    return;
+  }
+  world_ = std::make_unique<World>(std::move(writer).value(), state(), options_);
+  world_->number = number;
+  writeFrameRecords(overridden(state().options(), options_.overrides), state().worldToCamera(), number,
+                    world_->records, &world_->writer);
+}
+
+void SceneBuilder::onWorldEnd() {
+  if (!world_) return;
+  World& w = *world_;
+  for (const auto& [name, place] : state().namedSpaces())
+    if (auto t = state().toWorld(place)) w.writer.addNamedSpace(name, w.records.transform(*t));
+  w.counts.lights = w.records.lightCount();
+  const int number = w.number;
+  FrameCounts counts = w.counts;
+  const auto start = w.start;
+  auto fd = w.writer.finish(options_.checksum);
+  world_.reset();  // free what building needed before the frame is rendered
+  if (!fd) {
+    failure_ = std::move(fd).error();
+    return;
+  }
+  const off_t bytes = lseek(*fd, 0, SEEK_END);
+  counts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (!onFrame_(Frame(number, *fd, bytes > 0 ? uint64_t(bytes) : 0, counts))) stopped_ = true;
+}
+
+// ---- geometry
+// ------------------------------------------------------------------------------------------------------
+
+void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
+  if (!world_ || !p.source || p.source->samples.empty()) return;
+  World& w = *world_;
+  const ri::MovingPrimitive& source = *p.source;
+  const ri::Primitive& primitive = source.samples.front();
+  if (p.attributes->deformation) notImplemented("Deformation", "surfaces keep their shape", source.location);
+  if (p.attributes->detail)
+    notImplemented("DetailRange", "every representation is rendered", source.location);
+
+  for (const DMat4& m : p.objectToWorld->matrices)
+    for (int c = 0; c < 4; ++c)
+      if (!std::isfinite(m[c].x + m[c].y + m[c].z + m[c].w)) {
+        report({RiError::kMath, Severity::kError, source.location,
+                fmt::format("{}: its transformation is not finite; left out", ri::primitiveName(primitive))});
+        ++w.counts.dropped;
+        return;
+      }
+
+  PrimitiveDesc d;
+  d.primitive = &primitive;
+  d.counts = source.counts;
+  d.uBasis = source.basis->u, d.vBasis = source.basis->v;
+  d.steps = {source.basis->uStep, source.basis->vStep};
+  d.trimCurve = source.trimCurve.get();
+  std::vector<const ri::Primitive*> keys;
+  if (source.samples.size() > 1) {
+    for (const ri::Primitive& s : source.samples) keys.push_back(&s);
+    d.keys = keys;
+    d.keyTimes = source.times;
+  }
+  d.transform = w.records.transform(p.objectToWorld);
+  d.attributes = w.records.attributes(p.attributes, p.objectToWorld);
+  d.sides = sides_;
+  d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform);
+  d.locationFile = w.writer.intern(source.location.file);
+  d.locationLine = uint32_t(std::max(source.location.line, 0));
+  d.location = source.location;
+
+  const ObjectId firstObject = w.writer.nextObject();
+  const NodeId firstPatch = w.writer.nextRootPatch();
+  const uint32_t firstEdge = w.writer.nextEdge();
+  auto added = addPrimitive(w.writer, d);
+  if (!added) {
+    w.writer.rollBack(firstObject, firstPatch, firstEdge);
+    ++w.counts.dropped;
+    Error e = std::move(added).error();
+    if (e.code == RiError::kUnimplemented) {
+      notImplemented(ri::primitiveName(primitive), "left out", source.location);
+    } else {
+      if (e.where.file.empty()) e.where = source.location;
+      report(std::move(e).context(ri::primitiveName(primitive)));
+    }
+    return;
+  }
+  ++w.counts.primitives;
+  if (!w.writer.ok() || w.writer.nextObject() == firstObject) return;
+  if (source.samples.size() > 1 && w.writer.object(firstObject).keyCount < 2)
+    notImplemented("deformation motion blur of this kind", "the first shape is used", source.location);
+  if (p.attributes->areaLight >= 0)
+    if (const ShaderId light = w.records.light(p.attributes->areaLight); light != kNone) {
+      ShaderRecord& record = w.writer.shader(light);
+      if (record.areaLightObject == kNone) record.areaLightObject = firstObject;
+    }
+}
+
+void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
+  if (!world_) return;
+  ++world_->counts.dropped;
+  notImplemented(
+      p.source && !p.source->subdivide.empty() ? "Procedural \"" + p.source->subdivide + "\"" : "Procedural",
+      "left out", p.location);
+}
+
+void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
+                              const ri::TransformPtr& objectToWorld) {
+  if (!world_) return;
+  ++world_->counts.instances;
+  StateRenderer::onInstance(object, attributes, objectToWorld);
+}
+
+void SceneBuilder::onLight(const ri::LightInstance& light) {
+  if (light.isArea)
+    notImplemented("sampling of AreaLightSource", "the light shines from its shader's own position",
+                   light.shader ? light.shader->location : location());
+}
+
+void SceneBuilder::onSolidBegin(const std::string& operation) {
+  if (operation != "primitive" && operation != "union")
+    notImplemented("SolidBegin \"" + operation + "\"", "its parts are rendered as they are", location());
+}
+
+void SceneBuilder::onMakeTexture(ri::MakeKind, const ri::MakeTextureArgs& args) {
+  notImplemented("Make...", fmt::format("\"{}\" is not written", args.texture), location());
+}
+
+void SceneBuilder::scopedCoordinateSystem(std::string name) {
+  StateRenderer::scopedCoordinateSystem(name);
+  // Gone at the end of the block, but the shaders made inside ask for it when they run.
+  if (!world_) return;
+  if (auto place = state().findSpace(name))
+    if (auto t = state().toWorld(*place)) world_->writer.addNamedSpace(name, world_->records.transform(*t));
+}
+
+// ---- requests about the image
+// --------------------------------------------------------------------------------------
+
+bool SceneBuilder::imageOption(const char* request) {
+  if (sides_ & kForReyes) return true;
+  reportOnceHere(RiError::kNone, Severity::kInfo,
+                 fmt::format("{} is ignored in a file for the ray tracer alone", request));
+  return false;
+}
+
+void SceneBuilder::format(int xres, int yres, double pixelAspect) {
+  if (imageOption("Format")) StateRenderer::format(xres, yres, pixelAspect);
+}
+void SceneBuilder::frameAspectRatio(double aspect) {
+  if (imageOption("FrameAspectRatio")) StateRenderer::frameAspectRatio(aspect);
+}
+void SceneBuilder::screenWindow(double left, double right, double bottom, double top) {
+  if (imageOption("ScreenWindow")) StateRenderer::screenWindow(left, right, bottom, top);
+}
+void SceneBuilder::cropWindow(double xmin, double xmax, double ymin, double ymax) {
+  if (imageOption("CropWindow")) StateRenderer::cropWindow(xmin, xmax, ymin, ymax);
+}
+void SceneBuilder::projection(std::string name, ri::ParamList params) {
+  if (imageOption("Projection")) StateRenderer::projection(std::move(name), std::move(params));
+}
+void SceneBuilder::clipping(double near, double far) {
+  if (imageOption("Clipping")) StateRenderer::clipping(near, far);
+}
+void SceneBuilder::depthOfField(double fstop, double focalLength, double focalDistance) {
+  if (imageOption("DepthOfField")) StateRenderer::depthOfField(fstop, focalLength, focalDistance);
+}
+void SceneBuilder::depthOfField() {
+  if (imageOption("DepthOfField")) StateRenderer::depthOfField();
+}
+void SceneBuilder::pixelVariance(double variance) {
+  if (imageOption("PixelVariance")) StateRenderer::pixelVariance(variance);
+}
+void SceneBuilder::pixelSamples(double x, double y) {
+  if (imageOption("PixelSamples")) StateRenderer::pixelSamples(x, y);
+}
+void SceneBuilder::pixelFilter(std::string name, double xwidth, double ywidth) {
+  if (imageOption("PixelFilter")) StateRenderer::pixelFilter(std::move(name), xwidth, ywidth);
+}
+void SceneBuilder::exposure(double gain, double gamma) {
+  if (imageOption("Exposure")) StateRenderer::exposure(gain, gamma);
+}
+void SceneBuilder::quantize(std::string type, int one, int min, int max, double dither) {
+  if (imageOption("Quantize")) StateRenderer::quantize(std::move(type), one, min, max, dither);
+}
+void SceneBuilder::display(std::string name, std::string type, std::string mode, ri::ParamList params) {
+  if (imageOption("Display"))
+    StateRenderer::display(std::move(name), std::move(type), std::move(mode), std::move(params));
+}
+void SceneBuilder::hider(std::string type, ri::ParamList params) {
+  if (imageOption("Hider")) StateRenderer::hider(std::move(type), std::move(params));
+}
+
+}  // namespace fr::cache

@@ -1,0 +1,96 @@
+// From RIB files to finished skeletons, one per world: what every program that renders a scene calls.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/error.h"
+#include "scene_cache/format.h"
+
+namespace fr::cache {
+
+/// One RIB file; "-" is standard input.
+struct RibInput {
+  std::string path;
+  /// Which renderer sees the geometry and lights of this file: kForReyes | kForTracer for common files.
+  uint8_t sides = kForReyes | kForTracer;
+};
+
+/// A Display from the command line.
+struct DisplayOverride {
+  std::string name, type = "file", mode = "rgba";
+};
+
+/// What the command line says instead of the RIB.
+struct FrameOverrides {
+  std::optional<std::array<int, 2>> resolution;
+  std::optional<std::array<double, 4>> crop;  ///< xmin xmax ymin ymax in [0,1]
+  std::optional<std::array<double, 2>> pixelSamples;
+  std::optional<float> shadingRate;
+  std::vector<DisplayOverride> displays;  ///< not empty: replace all Display requests
+};
+
+struct LoadOptions {
+  FrameOverrides overrides;
+  /// Frame numbers (FrameBegin) to build, inclusive; others are read over. A world outside any frame has
+  /// number 1, 2, ... in order of appearance.
+  std::optional<std::pair<int, int>> frames;
+  /// Compute the skeletons' checksums (for files; not needed between processes).
+  bool checksum = false;
+};
+
+/// Counts of what a world was made of, for statistics and for tools.
+struct FrameCounts {
+  uint64_t primitives = 0;  ///< RI requests that became objects
+  uint64_t dropped = 0;     ///< requests that could not (reported)
+  uint64_t lights = 0;
+  uint64_t instances = 0;  ///< ObjectInstance requests
+  double seconds = 0;      ///< from WorldBegin to the finished skeleton
+};
+
+/// One world, ready to render.
+class Frame {
+ public:
+  Frame() = default;
+  Frame(int number, int skeletonFd, uint64_t bytes, FrameCounts counts)
+      : number_(number), fd_(skeletonFd), bytes_(bytes), counts_(counts) {}
+  Frame(Frame&& o) noexcept { *this = std::move(o); }
+  Frame& operator=(Frame&& o) noexcept {
+    std::swap(number_, o.number_), std::swap(fd_, o.fd_), std::swap(bytes_, o.bytes_),
+        std::swap(counts_, o.counts_);
+    return *this;
+  }
+  ~Frame();
+
+  int number() const { return number_; }
+  /// Sealed memory file with the skeleton; owned by the frame. SceneCache::create() takes its own duplicate.
+  int skeletonFd() const { return fd_; }
+  uint64_t skeletonBytes() const { return bytes_; }
+  const FrameCounts& counts() const { return counts_; }
+
+ private:
+  int number_ = 0;
+  int fd_ = -1;
+  uint64_t bytes_ = 0;
+  FrameCounts counts_;
+};
+
+/// Called at each WorldEnd, on the loading thread; reading goes on when it returns. Returning false stops the
+/// loading.
+using FrameCallback = std::function<bool(Frame&&)>;
+
+/// Reads the files one after the other as if they were one stream and hands over every world. Problems inside
+/// the files are reported with their place and the rest goes on. The Result is an error when a file cannot be
+/// opened, when the system fails, or when the error handler "abort" was triggered; the other files have been
+/// read then. Search paths: Option "searchpath" first, then the environment variables SHADERS, TEXTURES,
+/// ARCHIVES, PROCEDURALS and DISPLAYS; archives also stand beside the RIB that names them. Not thread-safe:
+/// one loading at a time.
+Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& options,
+                       const FrameCallback& onFrame);
+
+}  // namespace fr::cache
