@@ -165,6 +165,10 @@ Departure RayScene::departure(cache::NodeId node, const Vec3& direction, const V
   const uint32_t index = entryOf(node);
   if (index != cache::kNone) {
     const SurfaceEntry& e = entries_[index];
+    if (const float bias = cache_->skeleton().attributes()[e.attributes].bias; bias >= 0) {
+      d.nearDistance = bias;
+      return d;
+    }
     d.surfaceGroup = e.surfaceGroup;
     d.cellSize = e.cellSize;
     d.deviation = e.deviation;

@@ -59,6 +59,8 @@ struct Departure {
   float cellSize = 0;                    // of the starting patch, as traced
   float deviation = 0;                   // of the starting patch, as traced
   Vec3 lift{0};  // from the start point off the surface as shaded, to where the ray goes
+  float nearDistance =
+      0;  // Attribute "trace" "bias" of the starting surface, which then stands for all of the above
 };
 
 /// One ray. Cache space; direction is unit, so distances are lengths.
@@ -115,8 +117,9 @@ class RayScene {
   /// True when anything of the ray's mask lies between its near and far distances.
   bool occluded(const Ray& ray) const;
   /// Describes the start of a ray in direction `direction` (unit) on `node` with oriented normal `normal`.
-  /// Add `lift` to the origin: it is the error of a start point on the shaded surface, nothing on flat ones.
-  /// Any node is allowed; one out of range, or a zero or non-finite normal, is no surface.
+  /// Add `lift` to the origin and start at `nearDistance`: it is the error of a start point on the shaded
+  /// surface, nothing on flat ones. Any node is allowed; one out of range, or a zero or non-finite normal, is
+  /// no surface.
   Departure departure(cache::NodeId node, const Vec3& direction, const Vec3& normal) const;
   /// Makes `ray` go on behind `hit`.
   void stepBehind(Ray& ray, const Hit& hit) const;

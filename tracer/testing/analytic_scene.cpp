@@ -162,6 +162,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool
   c->skeleton_ = Skeleton::open(c->impl_->skeleton, false).value();
   return c;
 }
+CacheStatistics SceneCache::statistics() const { return {}; }
 SceneCache::Segments SceneCache::segments() const { return impl_->fds; }
 const PatchNode& SceneCache::node(NodeId id) const { return impl_->node[id]; }
 uint32_t SceneCache::nodeCount() const { return uint32_t(impl_->node.size()); }
@@ -202,7 +203,8 @@ void SceneCache::evaluateSurface(NodeId id, size_t n, const uint32_t* cell, cons
       const GridView view = this->view(*peek(id).grid);
       Vec3 corner[3];
       for (int c = 0; c < 3; ++c)
-        for (int k = 0; k < 3; ++k) corner[c][k] = view.positions[3 * view.indices[3 * cell[i] + uint32_t(c)] + k];
+        for (int k = 0; k < 3; ++k)
+          corner[c][k] = view.positions[3 * view.indices[3 * cell[i] + uint32_t(c)] + k];
       P = (1 - u[i] - v[i]) * corner[0] + u[i] * corner[1] + v[i] * corner[2];
       const Vec3 ng = glm::cross(corner[1] - corner[0], corner[2] - corner[0]);
       if (glm::length(ng) > 0) N = sign * glm::normalize(ng);

@@ -1,0 +1,48 @@
+// What answering needs at one depth of the ray tree. Internal to tracer/.
+#pragma once
+
+#include <memory>
+
+#include "tracer/ray_tracer.h"
+
+namespace fr::tracer {
+
+/// A ray on its way through the surfaces that it meets.
+struct AnswerThread::PathRay {
+  Ray ray;
+  Vec3 askedOrigin, askedDirection;
+  float radius, spread;
+  uint64_t seed;
+  bool sane;   // can be traced
+  bool going;  // has not ended
+  uint32_t steps;
+  Hit hit;        // the surface it stands on now
+  Color through;  // what still comes through everything passed
+  Color color;
+  Color hitColor, hitOpacity;  // of the surface it stands on, once shaded
+  Hit firstHit;
+  // The deepest ray below (this one included) that left the scene.
+  uint32_t missDepth;
+  Vec3 missP, missR;
+};
+
+struct AnswerThread::Level {
+  PathRay path[kMaxRays];
+  uint32_t count = 0;
+  uint32_t rayLevel = 0;
+  // Hits to be shaded now: indices into path, sorted by shade group.
+  uint32_t order[kMaxRays];
+  uint32_t group[kMaxRays];
+  uint32_t orderCount = 0;
+  // ShadePoints of one group, and the answers to its own questions.
+  cache::NodeId node[kMaxRays];
+  uint32_t cell[kMaxRays];
+  float u[kMaxRays], v[kMaxRays];
+  float direction[3][kMaxRays], origin[3][kMaxRays];
+  float distance[kMaxRays], radius[kMaxRays], spread[kMaxRays], time[kMaxRays];
+  uint64_t seed[kMaxRays];
+  std::unique_ptr<ShadeTask> task;
+  RayQuery child;
+};
+
+}  // namespace fr::tracer

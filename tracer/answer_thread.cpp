@@ -1,0 +1,348 @@
+// The four questions: trace and fulltrace return radiance, visibility what comes through between two points,
+// rayhittest the nearest surface without shading (BMRT 2.6 manual, chapter "Ray tracing with rendrib").
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+
+#include "base/random.h"
+#include "tracer/answer_level.h"
+
+namespace fr::tracer {
+
+using namespace cache;
+
+namespace {
+
+/// visibility(): less than this is darkness.
+constexpr float kDark = 1.0f / 1024;
+/// trace(): surfaces behind this little are not shaded.
+constexpr float kCovered = 1.0f / 4096;
+/// No ray passes more surfaces than this.
+constexpr uint32_t kMaxSteps = 4096;
+/// Embree's arithmetic has no headroom beyond (its vertices are limited to 1.8e18).
+constexpr float kFarthestOrigin = 1e18f;
+/// First index of a shadow ray's seeds, so that they differ from those of radiance rays through the same
+/// surfaces.
+constexpr uint64_t kShadowSeed = 1ull << 32;
+
+float largest(const Color& c) { return std::max({c.x, c.y, c.z}); }
+
+/// Shaders may return anything.
+Color sane(const Color& c) {
+  return {std::isfinite(c.x) ? c.x : 0, std::isfinite(c.y) ? c.y : 0, std::isfinite(c.z) ? c.z : 0};
+}
+Color saneOpacity(const Color& c) {
+  const auto f = [](float x) { return std::isnan(x) ? 1.0f : std::clamp(x, 0.0f, 1.0f); };
+  return {f(c.x), f(c.y), f(c.z)};
+}
+
+}  // namespace
+
+AnswerThread::AnswerThread(RayTracer& tracer) : tracer_(tracer) {}
+
+AnswerThread::~AnswerThread() {
+  std::lock_guard lock(tracer_.mutex_);
+  tracer_.counted_ += counts_;
+}
+
+AnswerThread::Level& AnswerThread::level(size_t depth) {
+  while (levels_.size() <= depth) levels_.push_back(std::unique_ptr<Level>(new Level));
+  return *levels_[depth];
+}
+
+void AnswerThread::answer(RayQuery& query) {
+  const auto start = std::chrono::steady_clock::now();
+  (void)tracer_.prepare();  // an error was reported; everything is a miss then
+  answerAt(query, 0);
+  counts_.answerSeconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  counts_.batches += 1;
+  std::lock_guard lock(tracer_.mutex_);
+  tracer_.counted_ += counts_;
+  counts_ = {};
+}
+
+void AnswerThread::answerAt(RayQuery& query, size_t depth) {
+  Level& at = level(depth);
+  const volatile RayQuery& q = query;  // read once: the client may be writing
+  const RayKind kind = q.kind;
+  const uint32_t count = q.count, rayLevel = q.level;
+  at.count = std::min(count, kMaxRays);
+  at.rayLevel = std::clamp(rayLevel, 1u, 1u << 20);
+  if (uint32_t(kind) > uint32_t(RayKind::kFullTrace)) return;  // no question of ours: nothing to write
+  (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += at.count;
+  switch (kind) {
+    case RayKind::kHitTest:
+      return answerHitTest(query, at);
+    case RayKind::kVisibility:
+      return answerVisibility(query, at, depth);
+    case RayKind::kTrace:
+      return answerTrace(query, at, depth, depth > 0);
+    case RayKind::kFullTrace:
+      return answerTrace(query, at, depth, true);
+  }
+}
+
+void AnswerThread::readRays(RayQuery& query, Level& at, uint32_t mask) {
+  const RayScene* scene = tracer_.scene();
+  const volatile RayQuery& q = query;  // each value is read once: the client may be writing
+  for (uint32_t i = 0; i < at.count; ++i) {
+    PathRay& p = at.path[i];
+    p.askedOrigin = {q.origin[0][i], q.origin[1][i], q.origin[2][i]};
+    p.askedDirection = {q.direction[0][i], q.direction[1][i], q.direction[2][i]};
+    const float time = q.time[i], radius = q.radius[i], spread = q.spread[i];
+    const Vec3 normal(q.normal[0][i], q.normal[1][i], q.normal[2][i]);
+    const NodeId node = q.node[i];
+    p.seed = q.seed[i];
+    p.radius = radius >= 0 && std::isfinite(radius) ? radius : 0;
+    p.spread = std::isfinite(spread) ? spread : 0;
+    const DVec3 d(p.askedDirection);
+    const double length = glm::length(d);
+    p.sane = scene && std::isfinite(length) && length > 0 && isFinite(p.askedOrigin) &&
+             glm::length(DVec3(p.askedOrigin)) <= double(kFarthestOrigin);
+    p.going = p.sane;
+    p.steps = 0;
+    p.through = Color(1);
+    p.color = Color(0);
+    p.hit = p.firstHit = Hit{};
+    p.missDepth = 0;
+    p.missP = p.missR = Vec3(0);
+    if (!p.sane) {
+      counts_.rejected += 1;
+      continue;
+    }
+    Ray& r = p.ray;
+    r = Ray{};
+    r.direction = Vec3(d / length);
+    r.time = time >= 0 && time <= 1 ? time : time > 1 ? 1.0f : 0.0f;
+    r.mask = mask;
+    r.departure = scene->departure(node, r.direction, normal);
+    r.origin = p.askedOrigin + r.departure.lift;
+    r.nearDistance = r.departure.nearDistance;
+    if (mask & (kOpaqueShadowRay | kFilteredShadowRay)) {
+      // A segment: its end stays where it is.
+      const DVec3 rest = DVec3(p.askedOrigin) + d - DVec3(r.origin);
+      const double distance = glm::length(rest);
+      if (!(distance > 0) || !(distance < double(kInfinity))) {
+        p.going = false;
+        continue;
+      }
+      r.direction = Vec3(rest / distance);
+      r.farDistance = float(distance);
+      r.endsOnSurface = true;
+    }
+  }
+}
+
+void AnswerThread::answerHitTest(RayQuery& query, Level& at) {
+  readRays(query, at, kReflectionRay);
+  const RayScene* scene = tracer_.scene();
+  for (uint32_t i = 0; i < at.count; ++i) {
+    const PathRay& p = at.path[i];
+    Hit hit;
+    if (p.going) hit = scene->closest(p.ray), counts_.intersections += 1;
+    Vec3 P(0), N(0);
+    if (hit.any()) {
+      SurfaceOut out;
+      for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
+      tracer_.cache().evaluateDiced(scene->entry(hit.entry).node, 1, &hit.cell, &hit.u, &hit.v, out);
+    }
+    query.hitDistance[i] = hit.any() ? hit.distance : kNoHit;
+    for (int c = 0; c < 3; ++c) query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
+  }
+}
+
+Color AnswerThread::attributeOpacity(const Hit& hit) {
+  const SurfaceEntry& e = tracer_.scene()->entry(hit.entry);
+  const Skeleton& skeleton = tracer_.cache().skeleton();
+  const ObjectRecord& o = skeleton.objects()[e.object];
+  Color opacity = skeleton.attributes()[e.attributes].opacity;
+  if (const ParamRecord* os = skeleton.find(o.primvars, "Os");
+      os && os->type == ParamType::kColor && os->arrayLength == 1) {
+    Color value(1);
+    float* out[3] = {&value.x, &value.y, &value.z};
+    if (tracer_.cache().evaluatePrimvar(e.node, *os, 1, &hit.cell, &hit.u, &hit.v, out)) opacity = value;
+  }
+  return saneOpacity(opacity);
+}
+
+void AnswerThread::answerVisibility(RayQuery& query, Level& at, size_t depth) {
+  readRays(query, at, kOpaqueShadowRay | kFilteredShadowRay);
+  const RayScene* scene = tracer_.scene();
+  // A shader that asks for visibility while it is asked for its own opacity would go on for ever.
+  const bool mayShade = at.rayLevel <= uint32_t(tracer_.maxRayLevel()) + 1;
+  const auto dim = [](PathRay& p, const Color& opacity) {
+    p.through *= Color(1) - opacity;
+    if (largest(p.through) < kDark) p.through = Color(0), p.going = false;
+  };
+
+  for (uint32_t i = 0; i < at.count; ++i) {
+    PathRay& p = at.path[i];
+    if (!p.going) continue;
+    p.ray.mask = kOpaqueShadowRay;
+    counts_.intersections += 1;
+    if (scene->occluded(p.ray)) p.through = Color(0), p.going = false;
+    p.ray.mask = kFilteredShadowRay;
+  }
+  // The others go from surface to surface; those that stand on one whose shader must be asked wait for each
+  // other.
+  for (bool any = true; any;) {
+    any = false;
+    at.orderCount = 0;
+    for (uint32_t i = 0; i < at.count; ++i) {
+      PathRay& p = at.path[i];
+      while (p.going) {
+        p.hit = scene->closest(p.ray);
+        counts_.intersections += 1;
+        if (!p.hit.any() || ++p.steps > kMaxSteps) {
+          p.going = false;
+          break;
+        }
+        scene->stepBehind(p.ray, p.hit);
+        if (mayShade && scene->entry(p.hit.entry).castsShadows == CastsShadows::kShade) {
+          at.order[at.orderCount++] = i;
+          any = true;
+          break;
+        }
+        dim(p, attributeOpacity(p.hit));
+      }
+    }
+    if (at.orderCount) shadeHits(at, depth, true);
+    for (uint32_t k = 0; k < at.orderCount; ++k) {
+      PathRay& p = at.path[at.order[k]];
+      dim(p, p.hitOpacity);
+    }
+  }
+  for (uint32_t i = 0; i < at.count; ++i)
+    for (int c = 0; c < 3; ++c) query.color[c][i] = at.path[i].through[c];
+}
+
+void AnswerThread::answerTrace(RayQuery& query, Level& at, size_t depth, bool full) {
+  readRays(query, at, kReflectionRay);
+  const RayScene* scene = tracer_.scene();
+  const bool tooDeep = at.rayLevel > uint32_t(tracer_.maxRayLevel());
+  for (bool any = !tooDeep; any;) {
+    any = false;
+    at.orderCount = 0;
+    for (uint32_t i = 0; i < at.count; ++i) {
+      PathRay& p = at.path[i];
+      if (!p.going) continue;
+      p.hit = scene->closest(p.ray);
+      counts_.intersections += 1;
+      if (!p.hit.any()) {
+        p.going = false;
+        if (p.missDepth == 0) p.missDepth = 1, p.missP = p.askedOrigin, p.missR = p.askedDirection;
+        continue;
+      }
+      if (p.steps++ == 0) p.firstHit = p.hit;
+      at.order[at.orderCount++] = i;
+      any = true;
+    }
+    if (at.orderCount) shadeHits(at, depth, false);
+    for (uint32_t k = 0; k < at.orderCount; ++k) {
+      PathRay& p = at.path[at.order[k]];
+      p.color += p.through * p.hitColor;
+      p.through *= Color(1) - p.hitOpacity;
+      if (largest(p.through) < kCovered || p.steps >= kMaxSteps) {
+        p.going = false;
+      } else {
+        scene->stepBehind(p.ray, p.hit);
+      }
+    }
+  }
+
+  for (uint32_t i = 0; i < at.count; ++i) {
+    const PathRay& p = at.path[i];
+    for (int c = 0; c < 3; ++c) query.color[c][i] = p.color[c];
+    query.hitDistance[i] = p.firstHit.any() ? p.firstHit.distance : kNoHitFullTrace;
+    if (!full) continue;
+    Vec3 P(0), N(0);
+    if (p.firstHit.any()) {
+      SurfaceOut out;
+      for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
+      tracer_.cache().evaluateDiced(scene->entry(p.firstHit.entry).node, 1, &p.firstHit.cell, &p.firstHit.u,
+                                    &p.firstHit.v, out);
+    }
+    query.missDepth[i] = float(p.missDepth);
+    for (int c = 0; c < 3; ++c) {
+      query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
+      query.missP[c][i] = p.missP[c], query.missR[c][i] = p.missR[c];
+    }
+  }
+}
+
+void AnswerThread::shadeHits(Level& at, size_t depth, bool shadowRays) {
+  const RayScene* scene = tracer_.scene();
+  for (uint32_t k = 0; k < at.orderCount; ++k) {
+    const uint32_t i = at.order[k];
+    at.group[i] = tracer_.shading().shadeGroup(scene->entry(at.path[i].hit.entry).attributes);
+  }
+  std::sort(at.order, at.order + at.orderCount, [&](uint32_t a, uint32_t b) {
+    const auto key = [&](uint32_t i) { return std::tuple(at.group[i], at.path[i].hit.entry, i); };
+    return key(a) < key(b);
+  });
+  for (size_t first = 0; first < at.orderCount;) {
+    size_t end = first + 1;
+    while (end < at.orderCount && at.group[at.order[end]] == at.group[at.order[first]]) ++end;
+    shadeGroup(at, depth, first, end, shadowRays);
+    first = end;
+  }
+}
+
+void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays) {
+  const RayScene* scene = tracer_.scene();
+  const size_t n = end - first;
+  for (size_t k = 0; k < n; ++k) {
+    const PathRay& p = at.path[at.order[first + k]];
+    at.node[k] = scene->entry(p.hit.entry).node;
+    at.cell[k] = p.hit.cell;
+    at.u[k] = p.hit.u, at.v[k] = p.hit.v;
+    for (int c = 0; c < 3; ++c) at.direction[c][k] = p.ray.direction[c], at.origin[c][k] = p.ray.origin[c];
+    at.distance[k] = p.hit.distance;
+    at.radius[k] = std::max(0.0f, p.radius + p.spread * p.hit.distance);
+    at.spread[k] = p.spread;
+    at.time[k] = p.ray.time;
+    at.seed[k] = hashStep(p.seed, p.steps + (shadowRays ? kShadowSeed : 0));
+  }
+  ShadePoints points;
+  points.topology = ShadePoints::Topology::kHits;
+  points.count = n;
+  points.node = at.node, points.cell = at.cell, points.u = at.u, points.v = at.v;
+  for (int c = 0; c < 3; ++c) points.direction[c] = at.direction[c], points.origin[c] = at.origin[c];
+  points.distance = at.distance, points.radius = at.radius, points.spread = at.spread, points.time = at.time;
+  points.seed = at.seed;
+  points.level = at.rayLevel;
+  points.shadowRay = shadowRays;
+
+  if (!at.task) at.task = std::make_unique<ShadeTask>(tracer_.shading());
+  ShadeTask& task = *at.task;
+  task.begin(points);
+  while (task.run() == ShadeTask::Status::kNeedsRays) {
+    RayQuery& child = at.child;
+    std::memset(child.point, 0, sizeof child.point);
+    task.writeRays(child);
+    child.level = at.rayLevel + 1;
+    answerAt(child, depth + 1);
+    if (!shadowRays && (child.kind == RayKind::kTrace || child.kind == RayKind::kFullTrace)) {
+      for (uint32_t r = 0; r < std::min(child.count, kMaxRays); ++r) {
+        if (child.missDepth[r] < 1 || child.point[r] >= n) continue;
+        PathRay& p = at.path[at.order[first + child.point[r]]];
+        const uint32_t missDepth = uint32_t(child.missDepth[r]) + 1;
+        if (missDepth <= p.missDepth) continue;
+        p.missDepth = missDepth;
+        p.missP = {child.missP[0][r], child.missP[1][r], child.missP[2][r]};
+        p.missR = {child.missR[0][r], child.missR[1][r], child.missR[2][r]};
+      }
+    }
+    task.readAnswers(child);
+  }
+  for (size_t k = 0; k < n; ++k) {
+    PathRay& p = at.path[at.order[first + k]];
+    const auto take = [&](auto get) { return Color(get(0)[k], get(1)[k], get(2)[k]); };
+    p.hitOpacity = saneOpacity(take([&](int c) { return task.opacity(c); }));
+    p.hitColor = shadowRays ? Color(0) : sane(take([&](int c) { return task.color(c); }));
+  }
+  counts_.hitsShaded += n;
+}
+
+}  // namespace fr::tracer

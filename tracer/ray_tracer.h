@@ -1,0 +1,105 @@
+// Answers batches of ray questions: what both transports and the ray server call.
+//
+// A RayTracer belongs to one process and one scene cache; it builds the ray scene at the first question. Each
+// thread that answers has an AnswerThread of its own, which holds all memory that answering needs: nothing is
+// allocated per ray or per batch once the deepest level has been reached.
+//
+// Every answer is a function of its ray alone: not of the batch, the thread, or the transport.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "base/error.h"
+#include "shading/ray_query.h"
+#include "shading/shading_system.h"
+#include "tracer/ray_scene.h"
+
+namespace fr::tracer {
+
+struct RayTracerOptions {
+  RaySceneOptions scene;
+  /// Deepest ray level that is traced; negative: Option "render" "max_raylevel" of the scene (default 4).
+  int maxRayLevel = -1;
+};
+
+/// Counts of one process. Plain numbers with a fixed layout: they travel between processes.
+struct TracerStatistics {
+  uint64_t rays[4] = {};        // asked by clients, by RayKind
+  uint64_t nestedRays[4] = {};  // asked by shaders at hits
+  uint64_t intersections = 0;   // walks through the tree
+  uint64_t rejected = 0;        // rays that made no sense (NaN, zero direction)
+  uint64_t hitsShaded = 0;
+  uint64_t batches = 0;
+  uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0;
+  uint64_t embreeBytes = 0, embreePeakBytes = 0, recordBytes = 0;
+  uint64_t gridsDiced = 0, micropolygonsDiced = 0;
+  uint64_t pointsShaded = 0, shadersLoaded = 0;
+  double resolveSeconds = 0, buildSeconds = 0, answerSeconds = 0;
+
+  TracerStatistics& operator+=(const TracerStatistics& o);
+};
+
+class RayTracer {
+ public:
+  /// Both must outlive the tracer. Shaders must have been loaded (ShadingSystem::loadShaders(kForTracer)).
+  RayTracer(cache::SceneCache& cache, ShadingSystem& shading, RayTracerOptions options);
+  ~RayTracer();
+
+  /// Builds the ray scene if nobody has. Thread-safe; the others wait. The first error is reported once, and
+  /// stays.
+  Result<void> prepare();
+  /// The scene, or nullptr before prepare() or after its failure.
+  const RayScene* scene() const { return ready_.load(std::memory_order_acquire); }
+
+  cache::SceneCache& cache() const { return cache_; }
+  ShadingSystem& shading() const { return shading_; }
+  int maxRayLevel() const { return maxRayLevel_; }
+  /// Of everything so far; thread-safe (numbers of running threads may lag).
+  TracerStatistics statistics() const;
+
+ private:
+  friend class AnswerThread;
+  cache::SceneCache& cache_;
+  ShadingSystem& shading_;
+  RayTracerOptions options_;
+  int maxRayLevel_;
+  std::once_flag once_;
+  std::unique_ptr<RayScene> scene_;
+  std::atomic<const RayScene*> ready_{nullptr};
+  std::optional<Error> error_;
+  mutable std::mutex mutex_;
+  TracerStatistics counted_;  // under mutex_
+};
+
+/// One thread's workplace. Not thread-safe.
+class AnswerThread {
+ public:
+  explicit AnswerThread(RayTracer& tracer);
+  ~AnswerThread();
+
+  /// Answers a block in place. Nothing in it is trusted, and it may change while it is read: every input is
+  /// read once. Rays that make no sense are misses.
+  void answer(RayQuery& query);
+
+ private:
+  struct Level;
+  struct PathRay;
+  Level& level(size_t depth);
+  void answerAt(RayQuery& query, size_t depth);
+  void answerHitTest(RayQuery& query, Level& at);
+  void answerVisibility(RayQuery& query, Level& at, size_t depth);
+  void answerTrace(RayQuery& query, Level& at, size_t depth, bool full);
+  void readRays(RayQuery& query, Level& at, uint32_t mask);
+  void shadeHits(Level& at, size_t depth, bool shadowRays);
+  void shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays);
+  Color attributeOpacity(const Hit& hit);
+
+  RayTracer& tracer_;
+  std::vector<std::unique_ptr<Level>> levels_;
+  TracerStatistics counts_;
+};
+
+}  // namespace fr::tracer
