@@ -85,13 +85,17 @@ class ClientChannel {
   };
   ClientChannel(ChannelMemory memory, std::shared_ptr<ServerBoard> board, Options options);
   Error breakChannel(Error e);
-  bool lookAtServer();
-  bool settled(uint32_t block);
+  BlockStatus look(uint32_t block);
+  bool serverLeft() const;
+  bool serverAlive();
+  Error serverGone();
 
   ChannelMemory memory_;
   std::shared_ptr<ServerBoard> board_;  // null when moved from
   Options options_;
   std::vector<BlockBook> books_;
+  std::vector<uint32_t> free_;  // last released first: its lines are still in our cache
+  uint32_t idlePolls_ = 0;
   uint64_t tail_ = 0;
   uint32_t mailState_ = 0;
   std::optional<Error> error_;

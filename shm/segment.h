@@ -22,6 +22,9 @@ struct SegmentOptions {
   /// Bytes of memory that must remain available on the machine and in our control group after an anonymous
   /// segment has grown. File-backed segments are not held to it: the kernel can write their pages back.
   uint64_t keepFree = 64ull << 20;
+  /// attach(): refuse files on disks, which their creator can truncate under us. For segments from a
+  /// stranger.
+  bool sealedOnly = false;
 };
 
 /// A growable segment: anonymous shared memory (memfd, sealed against shrinking) or a file.

@@ -1,0 +1,331 @@
+#include "shm/channel_server.h"
+
+#include <array>
+#include <climits>
+#include <cstring>
+#include <optional>
+#include <utility>
+
+namespace fr::shm {
+
+/// A channel as the server sees it. Everything but `memory`'s contents is private to this process.
+class ServerChannel {
+ public:
+  /// What we know of a block.
+  struct Block {
+    std::atomic<bool> running{false};  // between taking it out of the ring and complete()
+    uint64_t use = 0;                  // of the last submission taken; written by the holder of `claim`
+  };
+
+  ServerChannel(uint64_t channelId, void* userData, ChannelMemory m, std::function<bool()> alive)
+      : id(channelId),
+        user(userData),
+        memory(std::move(m)),
+        clientAlive(std::move(alive)),
+        blocks(memory.blockCount()) {}
+
+  /// Anything that a thread could do here now? Cheap, may be wrong for a moment. All loads are seq_cst: SYNC
+  /// POINT 1.
+  bool hasWork() const {
+    if (ended.load(std::memory_order_seq_cst)) return false;
+    const ChannelControl& c = memory.control();
+    return c.tail.value.load(std::memory_order_seq_cst) != head.load(std::memory_order_seq_cst) ||
+           c.mailbox.state.load(std::memory_order_seq_cst) != mailSeen.load(std::memory_order_seq_cst) ||
+           c.clientState.value.load(std::memory_order_seq_cst) != uint32_t(SideState::kOpen);
+  }
+
+  const uint64_t id;
+  void* const user;
+  const ChannelMemory memory;
+  const std::function<bool()> clientAlive;
+
+  std::atomic<bool> ended{false};
+  /// Held while one block is taken out of the ring; guards head and Block::use.
+  std::atomic<bool> claim{false};
+  std::atomic<uint64_t> head{0};
+  std::vector<Block> blocks;
+  /// Held while a mail is served; guards mailSeen.
+  std::atomic<bool> mailClaim{false};
+  std::atomic<uint32_t> mailSeen{0};
+};
+
+namespace {
+
+constexpr std::chrono::nanoseconds kForever{-1};
+constexpr std::chrono::seconds kBusyLook{1};
+
+/// Holds a claim flag for a scope, if it was free.
+class Claim {
+ public:
+  // SYNC POINT 8: the acquire exchange pairs with the release store below: what the flag guards passes from
+  // thread to thread of this process.
+  explicit Claim(std::atomic<bool>& flag)
+      : flag_(flag), held_(!flag.exchange(true, std::memory_order_acquire)) {}
+  Claim(const Claim&) = delete;
+  Claim& operator=(const Claim&) = delete;
+  ~Claim() {
+    if (held_) flag_.store(false, std::memory_order_release);
+  }
+  explicit operator bool() const { return held_; }
+
+ private:
+  std::atomic<bool>& flag_;
+  const bool held_;
+};
+
+/// Takes the next block out of the ring. Nothing: none there, or another thread is at it. Sets `bad` when the
+/// client has written something impossible.
+std::optional<uint32_t> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
+  ChannelControl& c = ch.memory.control();
+  // SYNC POINT 3: pairs with the client's seq_cst store of tail in ClientChannel::submit.
+  if (c.tail.value.load(std::memory_order_seq_cst) == ch.head.load(std::memory_order_relaxed))
+    return std::nullopt;
+  const Claim claim(ch.claim);
+  if (!claim) return std::nullopt;
+  const uint64_t head = ch.head.load(std::memory_order_relaxed);
+  const uint64_t waiting = c.tail.value.load(std::memory_order_seq_cst) - head;
+  if (waiting == 0) return std::nullopt;
+  if (waiting > ch.memory.blockCount()) {
+    bad = makeError(RiError::kConsistency, "its ring holds {} of {} blocks", waiting, ch.memory.blockCount());
+    return std::nullopt;
+  }
+  const uint32_t index = ch.memory.ringSlot(head).load(std::memory_order_relaxed);
+  if (index >= ch.memory.blockCount()) {
+    bad = makeError(RiError::kConsistency, "it has submitted block {} of {}", index, ch.memory.blockCount());
+    return std::nullopt;
+  }
+  ServerChannel::Block& block = ch.blocks[index];
+  const uint64_t state = ch.memory.state(index).load(std::memory_order_relaxed);
+  const uint64_t use = state >> kPhaseBits;
+  if (block.running.load(std::memory_order_acquire)) {
+    bad = makeError(RiError::kConsistency, "it has submitted block {} twice", index);
+    return std::nullopt;
+  }
+  if (state != blockState(use, BlockPhase::kSubmitted) || use <= block.use) {
+    bad = makeError(RiError::kConsistency, "it has submitted block {} in state {:#x}", index, state);
+    return std::nullopt;
+  }
+  block.use = use;
+  block.running.store(true, std::memory_order_relaxed);  // ordered by SYNC POINT 8
+  ch.memory.state(index).store(blockState(use, BlockPhase::kRunning),
+                               std::memory_order_relaxed);  // for observers
+  ch.head.store(head + 1, std::memory_order_seq_cst);
+  c.head.value.store(head + 1, std::memory_order_relaxed);  // for observers
+  return index;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ChannelServer>> ChannelServer::create(ChannelHandler& handler, Options options) {
+  Result<std::shared_ptr<ServerBoard>> board = ServerBoard::create();
+  if (!board) return std::move(board).error();
+  return std::unique_ptr<ChannelServer>(new ChannelServer(handler, options, std::move(*board)));
+}
+
+ChannelServer::ChannelServer(ChannelHandler& handler, Options options, std::shared_ptr<ServerBoard> board)
+    : handler_(handler),
+      options_(options),
+      board_(std::move(board)),
+      channels_(std::make_shared<const Channels>()) {}
+
+ChannelServer::~ChannelServer() {
+  board_->serverState().store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
+  for (const auto& ch : *channels()) {
+    // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
+    ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
+    ch->memory.control().clientBell.ring(INT_MAX);
+  }
+}
+
+std::shared_ptr<const ChannelServer::Channels> ChannelServer::channels() const {
+  const std::lock_guard lock(mutex_);
+  return channels_;
+}
+
+size_t ChannelServer::channelCount() const { return channels()->size(); }
+
+Result<uint64_t> ChannelServer::add(FileDescriptor fd, void* user, std::function<bool()> clientAlive) {
+  Result<ChannelMemory> memory = ChannelMemory::attach(std::move(fd));
+  if (!memory) return std::move(memory).error();
+  uint64_t id = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    id = nextId_++;
+    auto next = std::make_shared<Channels>(*channels_);
+    next->push_back(std::make_shared<ServerChannel>(id, user, std::move(*memory), std::move(clientAlive)));
+    channels_ = std::move(next);
+  }
+  // SYNC POINT 9: pairs with the seq_cst loads of channelsVersion_ in run().
+  channelsVersion_.fetch_add(1, std::memory_order_seq_cst);
+  board_->bell().ring(INT_MAX);
+  return id;
+}
+
+void ChannelServer::detach(uint64_t channelId) {
+  {
+    const std::lock_guard lock(mutex_);
+    auto next = std::make_shared<Channels>(*channels_);
+    std::erase_if(*next, [&](const auto& ch) { return ch->id == channelId; });
+    channels_ = std::move(next);
+  }
+  // Wakes all, so that no parked thread keeps the channel's memory mapped. SYNC POINT 9.
+  channelsVersion_.fetch_add(1, std::memory_order_seq_cst);
+  board_->bell().ring(INT_MAX);
+}
+
+void ChannelServer::remove(uint64_t channelId) {
+  for (const auto& ch : *channels()) {
+    if (ch->id != channelId || ch->ended.exchange(true, std::memory_order_seq_cst)) continue;
+    // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
+    ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
+    ch->memory.control().clientBell.ring(INT_MAX);
+    detach(channelId);
+  }
+}
+
+void ChannelServer::end(ServerChannel& ch, const Error* error) {
+  if (ch.ended.exchange(true, std::memory_order_seq_cst)) return;
+  // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
+  ch.memory.control().serverState.value.store(uint32_t(error ? SideState::kBroken : SideState::kClosed),
+                                              std::memory_order_seq_cst);
+  ch.memory.control().clientBell.ring(INT_MAX);
+  detach(ch.id);
+  handler_.channelEnded(ch.id, ch.user, error);
+}
+
+void ChannelServer::complete(const ServedBlock& served, bool ok) {
+  if (!served.channel || served.index >= served.channel->blocks.size()) return;
+  ServerChannel& ch = *served.channel;
+  ServerChannel::Block& block = ch.blocks[served.index];
+  const uint64_t use = block.use;  // ours while it runs
+  // First this, then the state: once the client sees the answer it may submit the block again.
+  if (!block.running.exchange(false, std::memory_order_acq_rel)) return;
+  // SYNC POINT 4: publishes the answer; pairs with the seq_cst load in ClientChannel::look. seq_cst rather
+  // than release for the doorbell (SYNC POINT 1).
+  ch.memory.state(served.index)
+      .store(blockState(use, ok ? BlockPhase::kDone : BlockPhase::kFailed), std::memory_order_seq_cst);
+  ch.memory.control().clientBell.ring(1);
+}
+
+size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel) {
+  ServerChannel& ch = *channel;
+  if (ch.ended.load(std::memory_order_acquire)) return 0;
+  ChannelControl& c = ch.memory.control();
+  size_t served = 0;
+  std::optional<Error> bad;
+
+  // The mailbox first: somebody stands still until it is answered.
+  MailboxLine& box = c.mailbox;
+  if (box.state.load(std::memory_order_seq_cst) != ch.mailSeen.load(std::memory_order_relaxed)) {
+    if (const Claim claim(ch.mailClaim); claim) {
+      const uint32_t seen = ch.mailSeen.load(std::memory_order_relaxed);
+      // SYNC POINT 5: pairs with the client's seq_cst store in ClientChannel::call.
+      const uint32_t state = box.state.load(std::memory_order_seq_cst);
+      const uint32_t size = box.size.load(std::memory_order_relaxed);
+      if (state == seen + 1 && size <= kMailBytes) {
+        ch.mailSeen.store(state, std::memory_order_relaxed);
+        alignas(16) std::array<std::byte, kMailBytes> request;
+        alignas(16) std::array<std::byte, kMailBytes> answer;
+        std::memcpy(request.data(), box.payload, size);  // private: the client may write on
+        const int n = handler_.serveMail(ch.id, ch.user, std::span(request).first(size), answer);
+        const bool ok = n >= 0 && n <= int(kMailBytes);
+        if (ok) std::memcpy(box.payload, answer.data(), size_t(n));
+        box.size.store(ok ? uint32_t(n) : kMailFailed, std::memory_order_relaxed);
+        ch.mailSeen.store(state + 1, std::memory_order_relaxed);
+        // SYNC POINT 5, back: publishes the answer.
+        box.state.store(state + 1, std::memory_order_seq_cst);
+        c.clientBell.ring(1);
+        ++served;
+      } else if (state != seen) {
+        bad = makeError(RiError::kConsistency, "its mailbox is in state {} after {}, size {}", state, seen,
+                        size);
+      }
+    }
+  }
+
+  if (!bad) {
+    if (const std::optional<uint32_t> index = takeBlock(ch, bad)) {
+      const ServedBlock block{ch.id, ch.user, *index, ch.memory.block(*index), channel};
+      const Served result = handler_.serveBlock(block);
+      if (result != Served::kDeferred) complete(block, result == Served::kDone);
+      ++served;
+    }
+  }
+
+  if (!bad && served == 0) {
+    // SYNC POINT 6: pairs with the seq_cst store in ~ClientChannel.
+    const uint32_t client = c.clientState.value.load(std::memory_order_seq_cst);
+    if (client == uint32_t(SideState::kClosed)) {
+      end(ch, nullptr);
+    } else if (client != uint32_t(SideState::kOpen)) {
+      bad = makeError(RiError::kConsistency, "it says that the channel is broken (state {})", client);
+    }
+  }
+  if (bad) {
+    const Error e =
+        std::move(*bad).context(fmt::format("ray channel {} of process {}", ch.id, ch.memory.creatorPid()));
+    end(ch, &e);
+  }
+  return served;
+}
+
+size_t ChannelServer::serve(const Channels& channels, size_t start) {
+  size_t served = 0;
+  for (size_t i = 0; i < channels.size(); ++i)
+    served += serveChannel(channels[(start + i) % channels.size()]);
+  return served;
+}
+
+size_t ChannelServer::serveOnce() { return serve(*channels(), 0); }
+
+bool ChannelServer::hasWork(const Channels& channels) const {
+  for (const auto& ch : channels) {
+    if (ch->hasWork()) return true;
+  }
+  return false;
+}
+
+void ChannelServer::lookAfterClients(const Channels& channels) {
+  for (const auto& ch : channels) {
+    if (!ch->clientAlive || ch->ended.load(std::memory_order_acquire) || ch->clientAlive()) continue;
+    const Error e = makeError(RiError::kSystem, "ray channel {}: its process {} is gone", ch->id,
+                              ch->memory.creatorPid());
+    end(*ch, &e);
+  }
+}
+
+void ChannelServer::run() {
+  using Clock = std::chrono::steady_clock;
+  std::shared_ptr<const Channels> mine;
+  uint64_t version = 0;
+  size_t turn = 0;
+  Clock::time_point lastLook = Clock::now();
+  while (!stop_.load(std::memory_order_seq_cst)) {
+    if (const uint64_t now = channelsVersion_.load(std::memory_order_seq_cst); !mine || now != version) {
+      version = now;
+      mine = channels();
+    }
+    if (serve(*mine, turn++) > 0) {
+      if (const Clock::time_point now = Clock::now(); now - lastLook >= kBusyLook) {
+        lastLook = now;
+        lookAfterClients(*mine);
+      }
+      continue;
+    }
+    auto ready = [&] {
+      return stop_.load(std::memory_order_seq_cst) ||
+             channelsVersion_.load(std::memory_order_seq_cst) != version || hasWork(*mine);
+    };
+    waitAtDoorbell(board_->bell(), options_.wait, kForever, ready, [&] {
+      lookAfterClients(*mine);
+      return true;
+    });
+  }
+}
+
+void ChannelServer::stop() {
+  stop_.store(true, std::memory_order_seq_cst);
+  board_->bell().ring(INT_MAX);
+}
+
+}  // namespace fr::shm
