@@ -73,9 +73,10 @@ void SceneBuilder::onWorldEnd() {
     failure_ = std::move(fd).error();
     return;
   }
-  const off_t bytes = lseek(*fd, 0, SEEK_END);
+  SkeletonHeader header{};
+  if (pread(*fd, &header, sizeof(header), 0) != ssize_t(sizeof(header))) header.totalBytes = 0;
   counts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  if (!onFrame_(Frame(number, *fd, bytes > 0 ? uint64_t(bytes) : 0, counts))) stopped_ = true;
+  if (!onFrame_(Frame(number, *fd, header.totalBytes, counts))) stopped_ = true;
 }
 
 // ---- geometry
