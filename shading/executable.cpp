@@ -4,7 +4,8 @@
 
 namespace fr {
 
-Executable::Executable(std::shared_ptr<const ShaderProgram> program, const std::vector<std::string>& varyingParameters)
+Executable::Executable(std::shared_ptr<const ShaderProgram> program,
+                       const std::vector<std::string>& varyingParameters)
     : program_(std::move(program)) {
   places_.resize(program_->symbols.size());
   globals_.fill(kNoIndex);
@@ -16,25 +17,40 @@ Executable::Executable(std::shared_ptr<const ShaderProgram> program, const std::
 namespace {
 bool opensBlock(Op op) {
   switch (op) {
-    case Op::if_begin: case Op::loop_begin: case Op::inline_begin: case Op::illuminance_begin:
-    case Op::illuminance_cone_begin: case Op::ambient_begin: case Op::illuminate_begin:
-    case Op::illuminate_cone_begin: case Op::solar_begin: case Op::solar_cone_begin: case Op::gather_begin:
+    case Op::if_begin:
+    case Op::loop_begin:
+    case Op::inline_begin:
+    case Op::illuminance_begin:
+    case Op::illuminance_cone_begin:
+    case Op::ambient_begin:
+    case Op::illuminate_begin:
+    case Op::illuminate_cone_begin:
+    case Op::solar_begin:
+    case Op::solar_cone_begin:
+    case Op::gather_begin:
       return true;
-    default: return false;
+    default:
+      return false;
   }
 }
 bool closesBlock(Op op) {
   switch (op) {
-    case Op::if_end: case Op::loop_end: case Op::inline_end: case Op::illuminance_end: case Op::illuminate_end:
-    case Op::solar_end: case Op::gather_end:
+    case Op::if_end:
+    case Op::loop_end:
+    case Op::inline_end:
+    case Op::illuminance_end:
+    case Op::illuminate_end:
+    case Op::solar_end:
+    case Op::gather_end:
       return true;
-    default: return false;
+    default:
+      return false;
   }
 }
 }  // namespace
 
-// The compiler has inferred classes for uniform parameters. Where primitive variables override some of them, the
-// inference is done again from there: to a fixed point, since loops feed values back.
+// The compiler has inferred classes for uniform parameters. Where primitive variables override some of them,
+// the inference is done again from there: to a fixed point, since loops feed values back.
 void Executable::inferClasses(const std::vector<std::string>& varyingParameters) {
   const ShaderProgram& p = *program_;
   for (size_t i = 0; i < p.symbols.size(); ++i)
@@ -48,7 +64,8 @@ void Executable::inferClasses(const std::vector<std::string>& varyingParameters)
     places_[s].varying = changed = true;
   }
   std::vector<char> varyingControl;  // one per open block
-  std::vector<char> leaves(p.code.size(), 0);  // blocks that some points leave early, by index of their first instruction
+  std::vector<char> leaves(p.code.size(),
+                           0);  // blocks that some points leave early, by index of their first instruction
   while (changed) {
     changed = false;
     varyingControl.clear();
@@ -61,14 +78,16 @@ void Executable::inferClasses(const std::vector<std::string>& varyingParameters)
       const bool inside = !varyingControl.empty() && varyingControl.back();
       if (opensBlock(in.op)) {
         open.push_back(i);
-        varyingControl.push_back(inside || leaves[i] || (in.op == Op::if_begin && reads) ||
-                                 (in.op != Op::if_begin && in.op != Op::loop_begin && in.op != Op::inline_begin));
+        varyingControl.push_back(
+            inside || leaves[i] || (in.op == Op::if_begin && reads) ||
+            (in.op != Op::if_begin && in.op != Op::loop_begin && in.op != Op::inline_begin));
       } else if (closesBlock(in.op)) {
         if (!open.empty()) open.pop_back(), varyingControl.pop_back();
       } else if (in.op == Op::loop_test && reads && !open.empty()) {
         if (!leaves[open.back()]) leaves[open.back()] = 1, changed = true;
         varyingControl.back() = 1;
-      } else if (inside && (in.op == Op::break_loop || in.op == Op::continue_loop || in.op == Op::inline_return)) {
+      } else if (inside &&
+                 (in.op == Op::break_loop || in.op == Op::continue_loop || in.op == Op::inline_return)) {
         // Some points leave: all blocks out to the one that is left run under varying control.
         for (size_t k = open.size(); k-- > 0;) {
           if (!leaves[open[k]]) leaves[open[k]] = 1, changed = true;

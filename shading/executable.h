@@ -1,4 +1,5 @@
-// A ShaderProgram prepared for the virtual machine: every symbol has a place in a frame, every instruction its kernel.
+// A ShaderProgram prepared for the virtual machine: every symbol has a place in a frame, every instruction
+// its kernel.
 //
 // Immutable; shared by all instances of the shader in a process.
 #pragma once
@@ -13,7 +14,7 @@ namespace fr {
 
 /// An instruction as the machine's loop reads it.
 struct Step {
-  Kernel kernel = nullptr;   // nullptr: the machine's own code
+  Kernel kernel = nullptr;  // nullptr: the machine's own code
   uint32_t firstArg = 0;
   uint32_t jump = kNoIndex;
   Op op = Op::nop;
@@ -21,7 +22,7 @@ struct Step {
   uint32_t counter = kNoIndex;  // column of per-point invocation counts (random numbers, rays)
   bool varying = false;         // some result is varying: runs over the whole batch
   bool masked = false;
-  bool control = false;         // looked at even when no point is active
+  bool control = false;  // looked at even when no point is active
 };
 
 /// Where a symbol lives: column (varying), block (uniform) or index into the frame's strings.
@@ -32,8 +33,8 @@ struct SymbolPlace {
 
 class Executable {
  public:
-  /// `varyingParameters`: names of parameters that instances of this executable get per point (primitive variables);
-  /// what depends on them becomes varying too.
+  /// `varyingParameters`: names of parameters that instances of this executable get per point (primitive
+  /// variables); what depends on them becomes varying too.
   explicit Executable(std::shared_ptr<const ShaderProgram> program,
                       const std::vector<std::string>& varyingParameters = {});
 
@@ -61,7 +62,8 @@ class Executable {
   std::vector<Step> steps_;
   std::vector<SymbolPlace> places_;
   std::array<uint32_t, size_t(GlobalId::kCount)> globals_;
-  uint32_t columns_ = 0, blocks_ = 0, strings_ = 0, counters_ = 0, depth_ = 0, localColumns_ = 0, localBlocks_ = 0;
+  uint32_t columns_ = 0, blocks_ = 0, strings_ = 0, counters_ = 0, depth_ = 0, localColumns_ = 0,
+           localBlocks_ = 0;
 };
 
 }  // namespace fr

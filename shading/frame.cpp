@@ -37,7 +37,8 @@ void Frame::layOut() {
     const Symbol& s = p.symbols[i];
     if (s.storage != Storage::kConstant) continue;
     if (s.type == SlType::kString) {
-      for (uint32_t k = 0; k < std::max(1u, s.arrayLength); ++k) strings_[e.place(i).first + k] = p.strings[s.data + k];
+      for (uint32_t k = 0; k < std::max(1u, s.arrayLength); ++k)
+        strings_[e.place(i).first + k] = p.strings[s.data + k];
     } else {
       fillUniform(symbols_[i], p.floats.data() + s.data, s.floats(), lanes_);
     }
@@ -58,10 +59,12 @@ void Frame::prepare(const ShaderInstance& instance, uint32_t lanes) {
     lanes_ = lanes;
     layOut();
   }
-  // Local variables start at zero, so that a variable that a shader forgets to set does not hold the last batch.
+  // Local variables start at zero, so that a variable that a shader forgets to set does not hold the last
+  // batch.
   const Executable& e = exe();
   std::memset(memory_.data(), 0, size_t(e.localColumns()) * lanes_ * sizeof(float));
-  std::memset(memory_.data() + size_t(e.columns()) * lanes_, 0, size_t(e.localBlocks()) * kLanePad * sizeof(float));
+  std::memset(memory_.data() + size_t(e.columns()) * lanes_, 0,
+              size_t(e.localBlocks()) * kLanePad * sizeof(float));
   const ShaderProgram& p = exe().program();
   for (uint32_t i = 0; i < p.parameters.size(); ++i) {
     const uint32_t s = p.parameters[i].symbol;

@@ -1,4 +1,5 @@
-// A running shader: registers, masks, program counter and loop states. On the heap, so that a shader can stop at any ray call.
+// A running shader: registers, masks, program counter and loop states. On the heap, so that a shader can stop
+// at any ray call.
 #pragma once
 
 #include <cstdlib>
@@ -32,27 +33,28 @@ class AlignedFloats {
   size_t size_ = 0;
 };
 
-/// An open block of control flow. Masks: `saved` is restored at the end of the block, less the points that left it
-/// for an outer place; `other` depends on the kind.
+/// An open block of control flow. Masks: `saved` is restored at the end of the block, less the points that
+/// left it for an outer place; `other` depends on the kind.
 struct Control {
   enum class Kind : uint8_t { kIf, kUniformIf, kLoop, kInline, kLights, kIlluminate, kGather };
   enum class Phase : uint8_t { kNext, kReturned, kAimed, kShadowed, kBody };
   Kind kind = Kind::kIf;
   Phase phase = Phase::kNext;
   bool anyContinued = false;
-  uint32_t begin = 0;   // index of the first instruction of the block
+  uint32_t begin = 0;  // index of the first instruction of the block
   uint32_t turns = 0;
-  int32_t light = -1;   // kLights: index into the task's lights; kGather: sample
+  int32_t light = -1;    // kLights: index into the task's lights; kGather: sample
   uint32_t samples = 0;  // kGather
   int32_t* saved = nullptr;
-  int32_t* other = nullptr;  // kIf: points for the else branch. kLoop: points that continued. kLights, kGather: live points
+  int32_t* other = nullptr;  // kIf: points for the else branch. kLoop: points that continued. kLights,
+                             // kGather: live points
   int32_t* third = nullptr;  // kLights: points that the light must be run for. kGather: points that hit
 };
 
 class Frame {
  public:
-  /// Lays registers out for `lanes` points, writes constants and parameter values. Cheap when the frame ran the same
-  /// instance over as many lanes before.
+  /// Lays registers out for `lanes` points, writes constants and parameter values. Cheap when the frame ran
+  /// the same instance over as many lanes before.
   void prepare(const ShaderInstance& instance, uint32_t lanes);
   /// Sets the program counter to the body's first instruction and activates the points of `mask`.
   void start(const int32_t* mask);
@@ -75,15 +77,15 @@ class Frame {
   Control& top() { return control[depth - 1]; }
 
   uint32_t pc = 0;
-  uint32_t end = 0;           // runs until here
-  bool active = false;        // any lane of mask set
+  uint32_t end = 0;     // runs until here
+  bool active = false;  // any lane of mask set
   int32_t* mask = nullptr;
-  int32_t* lit = nullptr;     // light: points that an illuminate or solar reached
-  bool solar = false;         // light: the last statement was solar
+  int32_t* lit = nullptr;  // light: points that an illuminate or solar reached
+  bool solar = false;      // light: the last statement was solar
   bool finished = false;
   uint32_t depth = 0;
   std::vector<Control> control;
-  uint32_t rayPhase = 0;      // of the ray operation at pc: 0 ask, 1 answered
+  uint32_t rayPhase = 0;  // of the ray operation at pc: 0 ask, 1 answered
   uint32_t raySample = 0;
   uint32_t* counter(uint32_t c) const { return counters_ + size_t(c) * lanes_; }
 

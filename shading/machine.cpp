@@ -11,7 +11,8 @@ namespace fr {
 namespace {
 /// More turns than any shader needs, fewer than a user would wait for.
 constexpr uint32_t kMaxTurns = 1u << 20;
-alignas(64) constexpr int32_t kAllActive[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
+alignas(64) constexpr int32_t kAllActive[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
+                                                      -1, -1, -1, -1, -1, -1, -1, -1};
 
 Operand maskOperand(int32_t* m, uint32_t lanes) { return {reinterpret_cast<float*>(m), lanes, ~0u}; }
 
@@ -65,8 +66,8 @@ void Machine::setGlobals(Frame& f) {
   }
 }
 
-void Machine::begin(const Batch& batch, const ShaderInstance& shader, std::span<const ShaderInstance* const> lights,
-                    const Partners& partners) {
+void Machine::begin(const Batch& batch, const ShaderInstance& shader,
+                    std::span<const ShaderInstance* const> lights, const Partners& partners) {
   FR_CHECK(batch.lanes % kLanePad == 0 && batch.lanes > 0 && batch.mask);
   batch_ = batch;
   partners_ = partners;
@@ -112,7 +113,8 @@ Operand Machine::result(std::string_view name) const {
 }
 
 void Machine::beginDefaults(const ShaderInstance& shader) {
-  alignas(64) static const int32_t all[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
+  alignas(64) static const int32_t all[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
+                                                    -1, -1, -1, -1, -1, -1, -1, -1};
   Batch b;
   b.lanes = kLanePad;
   b.points = b.asking = 1;
@@ -130,7 +132,8 @@ ShaderValue Machine::runDefault(const Parameter& p) {
   v.type = s.type;
   v.arrayLength = s.arrayLength;
   if (s.type == SlType::kString)
-    for (uint32_t k = 0; k < std::max(1u, s.arrayLength); ++k) v.strings.emplace_back(main_.strings(p.symbol)[k]);
+    for (uint32_t k = 0; k < std::max(1u, s.arrayLength); ++k)
+      v.strings.emplace_back(main_.strings(p.symbol)[k]);
   else
     for (uint32_t c = 0; c < s.floats(); ++c) v.floats.push_back(main_.symbol(p.symbol).at(0, c));
   return v;
@@ -173,7 +176,8 @@ Machine::Next Machine::execute(Frame& f) {
   return Next::kGo;
 }
 
-/// The active points leave every block above `outermost` (an index into f.control): none of them wakes them again.
+/// The active points leave every block above `outermost` (an index into f.control): none of them wakes them
+/// again.
 void Machine::leave(Frame& f, uint32_t outermost) {
   const Operand m = maskOperand(f.mask, f.lanes());
   for (uint32_t i = f.depth; i-- > outermost;) {
@@ -181,7 +185,8 @@ void Machine::leave(Frame& f, uint32_t outermost) {
     if (c.kind == Control::Kind::kUniformIf) continue;
     const Operand saved = maskOperand(c.saved, f.lanes());
     runHelper(Helper::maskAndNot, {saved, saved, m}, f.lanes());
-    if (c.kind == Control::Kind::kLoop || c.kind == Control::Kind::kLights || c.kind == Control::Kind::kGather) {
+    if (c.kind == Control::Kind::kLoop || c.kind == Control::Kind::kLights ||
+        c.kind == Control::Kind::kGather) {
       const Operand other = maskOperand(c.other, f.lanes());
       runHelper(Helper::maskAndNot, {other, other, m}, f.lanes());
     }
@@ -303,7 +308,8 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         uint32_t target = f.depth;
         while (target > 0) {
           const Control::Kind k = f.control[target - 1].kind;
-          const bool loop = k == Control::Kind::kLoop || k == Control::Kind::kLights || k == Control::Kind::kGather;
+          const bool loop =
+              k == Control::Kind::kLoop || k == Control::Kind::kLights || k == Control::Kind::kGather;
           if (loop && --n == 0) break;
           --target;
         }
@@ -391,7 +397,8 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       ++f.pc;
       break;
     case Op::gather_begin: {
-      if (f.depth > 0 && f.top().kind == Control::Kind::kGather && f.top().begin == f.pc) return gatherTurn(f);
+      if (f.depth > 0 && f.top().kind == Control::Kind::kGather && f.top().begin == f.pc)
+        return gatherTurn(f);
       if (!f.active) {
         f.pc = f.exe().steps()[s.jump].jump + 1;
         break;
@@ -414,7 +421,9 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       f.pc = f.top().begin;
       f.top().phase = Control::Phase::kNext;
       return gatherTurn(f);
-    default: ++f.pc; break;
+    default:
+      ++f.pc;
+      break;
   }
   return Next::kGo;
 }

@@ -1,8 +1,8 @@
 // The virtual machine: runs shaders over one batch of points, with their lights, up to the next ray call.
 //
-// Knows nothing of the scene cache: points, parameters and lights come in as arrays, everything else is asked from a
-// ShaderHost. Registers, masks and program counters live in Frames, so run() can return at any ray call, also one in a
-// light shader that an illuminance loop in a user function called for.
+// Knows nothing of the scene cache: points, parameters and lights come in as arrays, everything else is asked
+// from a ShaderHost. Registers, masks and program counters live in Frames, so run() can return at any ray
+// call, also one in a light shader that an illuminance loop in a user function called for.
 #pragma once
 
 #include <deque>
@@ -21,31 +21,31 @@ struct DerivativeStencil {
   void resize(size_t lanes);
 };
 
-/// The points of one run. Arrays hold `lanes` floats (a multiple of kLanePad), belong to the caller, and stay valid until
-/// the run is done.
+/// The points of one run. Arrays hold `lanes` floats (a multiple of kLanePad), belong to the caller, and stay
+/// valid until the run is done.
 struct Batch {
   uint32_t lanes = 0;
-  uint32_t points = 0;          // lanes [0, points) are asked for; the others are padding or the neighbours of hits
-  uint32_t asking = 0;          // lanes [0, asking) may ask rays; the rest gets a copy of lane i % copyPeriod
-  uint32_t copyPeriod = 0;      // 0: none
-  const int32_t* mask = nullptr;  // lanes to run
+  uint32_t points = 0;  // lanes [0, points) are asked for; the others are padding or the neighbours of hits
+  uint32_t asking = 0;  // lanes [0, asking) may ask rays; the rest gets a copy of lane i % copyPeriod
+  uint32_t copyPeriod = 0;                         // 0: none
+  const int32_t* mask = nullptr;                   // lanes to run
   Operand globals[size_t(GlobalId::kCount)] = {};  // data == nullptr: 0
   const DerivativeStencil* stencil = nullptr;      // nullptr: derivatives are 0
-  float orientation = 1.0f;     // calculatenormal() is (Du ^ Dv) times this
-  const uint64_t* seed = nullptr;  // per lane
+  float orientation = 1.0f;                        // calculatenormal() is (Du ^ Dv) times this
+  const uint64_t* seed = nullptr;                  // per lane
   uint64_t batchSeed = 0;
-  uint32_t level = 0;           // raylevel()
+  uint32_t level = 0;  // raylevel()
   bool shadowRay = false;
-  bool raysAllowed = true;      // false: every ray misses, with one warning (displacement, imager)
+  bool raysAllowed = true;  // false: every ray misses, with one warning (displacement, imager)
   std::string_view rayLabel;
   uint32_t attributes = kNoIndex;
   const uint16_t* object = nullptr;  // per lane: index into objects; nullptr: all objects[0]
   std::span<const uint32_t> objects;
   // Where rays start, per lane; nullptr: nowhere in particular. Ng in current space, unit.
   Operand rayNormal;
-  Operand footprint;            // radius of a point's surroundings; no data: from P's derivatives
-  Operand spread;               // growth of the footprint per unit of distance
-  struct Override {             // primitive variable that overrides a surface parameter
+  Operand footprint;  // radius of a point's surroundings; no data: from P's derivatives
+  Operand spread;     // growth of the footprint per unit of distance
+  struct Override {   // primitive variable that overrides a surface parameter
     uint32_t parameter;
     Operand values;
   };
@@ -82,8 +82,8 @@ class Machine {
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;
 
-  /// Starts `shader` with `lights` (may be empty); both stay alive until done. `messages`: the other shaders of the same primitive, for
-  /// displacement() and atmosphere() and surface(); nullptr where there is none.
+  /// Starts `shader` with `lights` (may be empty); both stay alive until done. `messages`: the other shaders
+  /// of the same primitive, for displacement() and atmosphere() and surface(); nullptr where there is none.
   struct Partners {
     const ShaderInstance* surface = nullptr;
     const ShaderInstance* displacement = nullptr;
@@ -133,7 +133,8 @@ class Machine {
   void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
   std::string_view optionString(Frame& f, const Step& s, uint32_t fixed, std::string_view name);
-  float optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const;
+  float optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name,
+                    float fallback) const;
   // machine_call.cpp: everything without a kernel
   void call(Frame& f, const Step& s);
   void stringOp(Frame& f, const Step& s);
@@ -148,7 +149,8 @@ class Machine {
   void formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out);
   bool writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v);
   bool copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& from, std::string_view name);
-  bool copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from, std::string_view name);
+  bool copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
+                    std::string_view name);
   void setFloat(const Frame& f, const Operand& out, float value);
   std::string_view keep(std::string text);
 
@@ -159,7 +161,9 @@ class Machine {
   static bool isWritten(const Frame& f, const Step& s, uint32_t k) {
     return (f.exe().program().args[s.firstArg + k] & kArgWritten) != 0;
   }
-  static std::string_view text(Frame& f, const Step& s, uint32_t k) { return f.strings(symbolOf(f, s, k))[0]; }
+  static std::string_view text(Frame& f, const Step& s, uint32_t k) {
+    return f.strings(symbolOf(f, s, k))[0];
+  }
 
   const ShaderHost& host_;
   Batch batch_;

@@ -1,4 +1,5 @@
-// Operations without a kernel that need no suspension: arrays, derivatives, random numbers, splines, transformations.
+// Operations without a kernel that need no suspension: arrays, derivatives, random numbers, splines,
+// transformations.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -21,7 +22,8 @@ void Machine::call(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   const uint32_t flags = opInfo(s.op).flags;
   switch (s.op) {
-    case Op::nop: return;
+    case Op::nop:
+      return;
     case Op::assign_s:
     case Op::assign_a:
     case Op::load_f:
@@ -31,13 +33,16 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::store_f:
     case Op::store_t:
     case Op::store_m:
-    case Op::store_s: return arrayOp(f, s);
+    case Op::store_s:
+      return arrayOp(f, s);
     case Op::random_f:
-    case Op::random_t: return randomOp(f, s);
+    case Op::random_t:
+      return randomOp(f, s);
     case Op::spline_f:
     case Op::spline_t:
     case Op::spline_fa:
-    case Op::spline_ta: return splineOp(f, s);
+    case Op::spline_ta:
+      return splineOp(f, s);
     case Op::du_f:
     case Op::du_t:
     case Op::dv_f:
@@ -47,16 +52,22 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::area:
     case Op::calculatenormal:
     case Op::filterstep:
-    case Op::filterstep_2: return derivativeOp(f, s);
+    case Op::filterstep_2:
+      return derivativeOp(f, s);
     case Op::transform_p:
     case Op::transform_v:
     case Op::transform_n:
     case Op::space_m:
     case Op::depth:
-    case Op::ctransform: return transformOp(f, s);
-    case Op::raylevel: return setFloat(f, a[0], float(batch_.level));
-    case Op::isshadowray: return setFloat(f, a[0], batch_.shadowRay ? 1.0f : 0.0f);
-    case Op::raylabel: f.strings(symbolOf(f, s, 0))[0] = batch_.rayLabel; return;
+    case Op::ctransform:
+      return transformOp(f, s);
+    case Op::raylevel:
+      return setFloat(f, a[0], float(batch_.level));
+    case Op::isshadowray:
+      return setFloat(f, a[0], batch_.shadowRay ? 1.0f : 0.0f);
+    case Op::raylabel:
+      f.strings(symbolOf(f, s, 0))[0] = batch_.rayLabel;
+      return;
     case Op::msg_surface:
     case Op::msg_displacement:
     case Op::msg_atmosphere:
@@ -66,7 +77,8 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::get_attribute:
     case Op::get_option:
     case Op::get_rendererinfo:
-    case Op::get_rayinfo: return message(f, s);
+    case Op::get_rayinfo:
+      return message(f, s);
     case Op::eq_s:
     case Op::ne_s:
     case Op::select_s:
@@ -75,12 +87,15 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::match:
     case Op::printf:
     case Op::shadername:
-    case Op::shadername_s: return stringOp(f, s);
-    default: break;
+    case Op::shadername_s:
+      return stringOp(f, s);
+    default:
+      break;
   }
   if (flags & kOpTexture) return textureOp(f, s);
-  reportOnce(std::string("shading.op.") + opInfo(s.op).name,
-             makeError(RiError::kUnimplemented, "shader operation \"{}\" is not available", opInfo(s.op).name));
+  reportOnce(
+      std::string("shading.op.") + opInfo(s.op).name,
+      makeError(RiError::kUnimplemented, "shader operation \"{}\" is not available", opInfo(s.op).name));
 }
 
 void Machine::arrayOp(Frame& f, const Step& s) {
@@ -88,7 +103,9 @@ void Machine::arrayOp(Frame& f, const Step& s) {
   const ShaderProgram& p = f.exe().program();
   const auto outOfBounds = [&] {
     reportOnce("shading.index." + p.name,
-               Error{RiError::kRange, Severity::kWarning, {},
+               Error{RiError::kRange,
+                     Severity::kWarning,
+                     {},
                      fmt::format("shader \"{}\": array index out of bounds", p.name)});
   };
   if (s.op == Op::assign_s) {
@@ -194,7 +211,9 @@ void weights(Basis b, float t, float w[4]) {
       w[0] = 0.5f * (-t3 + 2 * t2 - t), w[1] = 0.5f * (3 * t3 - 5 * t2 + 2);
       w[2] = 0.5f * (-3 * t3 + 4 * t2 + t), w[3] = 0.5f * (t3 - t2);
       break;
-    case Basis::kBezier: w[0] = u * u * u, w[1] = 3 * t * u * u, w[2] = 3 * t2 * u, w[3] = t3; break;
+    case Basis::kBezier:
+      w[0] = u * u * u, w[1] = 3 * t * u * u, w[2] = 3 * t2 * u, w[3] = t3;
+      break;
     case Basis::kBSpline:
       w[0] = u * u * u / 6, w[1] = (3 * t3 - 6 * t2 + 4) / 6;
       w[2] = (-3 * t3 + 3 * t2 + 3 * t + 1) / 6, w[3] = t3 / 6;
@@ -202,7 +221,9 @@ void weights(Basis b, float t, float w[4]) {
     case Basis::kHermite:  // point, tangent, point, tangent
       w[0] = 2 * t3 - 3 * t2 + 1, w[1] = t3 - 2 * t2 + t, w[2] = -2 * t3 + 3 * t2, w[3] = t3 - t2;
       break;
-    case Basis::kLinear: w[0] = 0, w[1] = u, w[2] = t, w[3] = 0; break;
+    case Basis::kLinear:
+      w[0] = 0, w[1] = u, w[2] = t, w[3] = 0;
+      break;
   }
 }
 }  // namespace
@@ -211,7 +232,8 @@ void Machine::splineOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   const bool array = s.op == Op::spline_fa || s.op == Op::spline_ta;
   const uint32_t components = s.op == Op::spline_t || s.op == Op::spline_ta ? 3 : 1;
-  const uint32_t knots = array ? std::max(1u, f.exe().program().symbols[symbolOf(f, s, 3)].arrayLength) : s.argCount - 3u;
+  const uint32_t knots =
+      array ? std::max(1u, f.exe().program().symbols[symbolOf(f, s, 3)].arrayLength) : s.argCount - 3u;
   std::string_view name = text(f, s, 1);
   const bool solve = name.substr(0, 5) == "solve";
   if (solve) name.remove_prefix(5);
@@ -225,7 +247,9 @@ void Machine::splineOp(Frame& f, const Step& s) {
   };
   if (knots < 4) {
     reportOnce("shading.spline." + f.exe().program().name,
-               Error{RiError::kConsistency, Severity::kWarning, {},
+               Error{RiError::kConsistency,
+                     Severity::kWarning,
+                     {},
                      fmt::format("shader \"{}\": spline() needs four knots", f.exe().program().name)});
     for (uint32_t c = 0; c < components; ++c)
       for (uint32_t i = 0; i < n; ++i) out.comp(c)[i] = knot(0, i, c);
@@ -263,13 +287,14 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   const uint32_t n = f.lanes();
   const DerivativeStencil* const d = batch_.stencil;
-  // The result may be an operand's own register, and neighbours are still to be read: results are collected aside.
+  // The result may be an operand's own register, and neighbours are still to be read: results are collected
+  // aside.
   const Operand& result = a[0];
   scratch_.reserve(size_t(n) * 8);
   const Operand out{scratch_.data(), n, result.varying() ? ~0u : kLanePad - 1};
   // Neighbours that are not active have no defined value here: the difference is then one-sided, or 0.
-  const auto difference = [&](const float* x, uint32_t i, const std::vector<uint16_t>& lo, const std::vector<uint16_t>& hi,
-                              float scale) {
+  const auto difference = [&](const float* x, uint32_t i, const std::vector<uint16_t>& lo,
+                              const std::vector<uint16_t>& hi, float scale) {
     uint32_t l = lo[i], h = hi[i];
     if (f.mask[l] && f.mask[h]) return (x[h] - x[l]) * scale;
     const float width = l != i && h != i ? 2.0f : 1.0f;  // central: the remaining half is twice as steep
@@ -320,7 +345,8 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
           w = std::fabs(a[3].at(i) - a[2].at(i));
           x = 0.5f * (a[3].at(i) + a[2].at(i));
         } else {
-          w = std::fabs(Du(a[2], 0, i) * (d ? d->uCell[i] : 0)) + std::fabs(Dv(a[2], 0, i) * (d ? d->vCell[i] : 0));
+          w = std::fabs(Du(a[2], 0, i) * (d ? d->uCell[i] : 0)) +
+              std::fabs(Dv(a[2], 0, i) * (d ? d->vCell[i] : 0));
           x = a[2].at(i);
         }
         w *= optionFloat(f, s, two ? 4 : 3, "width", 1.0f);
@@ -328,7 +354,8 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
         out.data[i] = w > 1e-12f ? std::clamp((x + 0.5f * w - edge) / w, 0.0f, 1.0f) : x < edge ? 0.0f : 1.0f;
         break;
       }
-      default: break;
+      default:
+        break;
     }
   }
   const uint32_t components = slTypeFloats(f.exe().program().symbols[symbolOf(f, s, 0)].type);
@@ -345,7 +372,9 @@ bool Machine::space(const Frame& f, std::string_view name, uint32_t object, DMat
   if (name == "object" && object != kNoIndex) return host_.objectToCurrent(object, toCurrent);
   if (host_.spaceToCurrent(name, toCurrent)) return true;
   reportOnce("shading.space." + std::string(name),
-             Error{RiError::kBadToken, Severity::kWarning, {},
+             Error{RiError::kBadToken,
+                   Severity::kWarning,
+                   {},
                    fmt::format("shader \"{}\": there is no coordinate system \"{}\"; current space is used",
                                f.exe().program().name, name)});
   return false;
@@ -373,7 +402,9 @@ void Machine::transformOp(Frame& f, const Step& s) {
     int from = colorSpace(text(f, s, 1)), to = colorSpace(text(f, s, 2));
     if (from < 0 || to < 0) {
       reportOnce("shading.colorspace." + std::string(text(f, s, from < 0 ? 1 : 2)),
-                 Error{RiError::kBadToken, Severity::kWarning, {},
+                 Error{RiError::kBadToken,
+                       Severity::kWarning,
+                       {},
                        fmt::format("shader \"{}\": there is no color space \"{}\"", f.exe().program().name,
                                    text(f, s, from < 0 ? 1 : 2))});
       from = to = 0;

@@ -43,7 +43,8 @@ void Machine::beginLight(LightState& l) {
   const ShaderProgram& p = l.instance->program();
   l.readsNormal = (p.readsGlobals & (globalBit(GlobalId::k_N) | globalBit(GlobalId::k_Ns))) != 0;
   const ShaderValue* category = l.instance->parameter("__category");
-  l.category = category && !category->strings.empty() ? std::string_view(category->strings[0]) : std::string_view();
+  l.category =
+      category && !category->strings.empty() ? std::string_view(category->strings[0]) : std::string_view();
   l.memory.reserve(size_t(n) * 19);
   float* at = l.memory.data();
   for (Operand* o : {&l.Ps, &l.N, &l.L, &l.Cl, &l.Ol}) *o = Operand{at, n, ~0u}, at += 3 * n;
@@ -154,7 +155,8 @@ void Machine::applyShadowRays(Control& c, LightState& l) {
       if (c.third[i]) l.Cl.comp(k)[i] *= seen.comp(k)[i];
 }
 
-/// Goes on with a light loop: the next light, run if need be, its shadow rays, then the body. Sets the program counter.
+/// Goes on with a light loop: the next light, run if need be, its shadow rays, then the body. Sets the
+/// program counter.
 Machine::Next Machine::lightTurn(Frame& f) {
   Control& c = f.top();
   const Step& s = f.exe().steps()[c.begin];
@@ -163,7 +165,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
   const bool ambient = s.op == Op::ambient_begin;
   const Operand* a = f.args(s);
   const Operand P = ambient ? a[0] : a[1];
-  const Operand mask = maskOperand(f.mask, n), other = maskOperand(c.other, n), third = maskOperand(c.third, n);
+  const Operand mask = maskOperand(f.mask, n), other = maskOperand(c.other, n),
+                third = maskOperand(c.third, n);
   for (;;) {
     switch (c.phase) {
       case Control::Phase::kNext: {
@@ -172,7 +175,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
           LightState& candidate = *lights_[size_t(c.light)];
           if (!candidate.begun) beginLight(candidate);
           // A light that is running cannot light itself.
-          if (&candidate.frame != &f && candidate.ambient == ambient && matchesCategory(candidate, category)) break;
+          if (&candidate.frame != &f && candidate.ambient == ambient && matchesCategory(candidate, category))
+            break;
         }
         if (c.light >= int32_t(lightCount_) || !any(c.other)) {
           std::memcpy(f.mask, c.saved, bytes);
@@ -208,7 +212,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
             const Operand o = l.frame.global(g);
             const uint32_t lanes = o.varying() ? n : kLanePad;
             if (o.data)
-              for (uint32_t k = 0; k < 3; ++k) std::fill_n(o.comp(k), lanes, g == GlobalId::k_Cl ? 0.0f : 1.0f);
+              for (uint32_t k = 0; k < 3; ++k)
+                std::fill_n(o.comp(k), lanes, g == GlobalId::k_Cl ? 0.0f : 1.0f);
           }
           std::memset(l.frame.lit, 0, bytes);
           l.frame.start(c.third);
@@ -255,7 +260,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
           c.phase = Control::Phase::kNext;
           break;
         }
-        const Operand L = f.global(GlobalId::k_L), Cl = f.global(GlobalId::k_Cl), Ol = f.global(GlobalId::k_Ol);
+        const Operand L = f.global(GlobalId::k_L), Cl = f.global(GlobalId::k_Cl),
+                      Ol = f.global(GlobalId::k_Ol);
         if (L.data && !ambient) runHelper(Helper::negateMasked, {L, l.L}, n, f.mask);
         if (Cl.data) runHelper(Helper::assignTripleMasked, {Cl, l.Cl}, n, f.mask);
         if (Ol.data) runHelper(Helper::assignTripleMasked, {Ol, l.Ol}, n, f.mask);

@@ -11,11 +11,11 @@ struct Machine::LightState {
   const ShaderInstance* instance = nullptr;
   Frame frame;
   AlignedFloats memory;
-  bool begun = false;     // prepared for this batch
+  bool begun = false;  // prepared for this batch
   bool ambient = false;
   bool readsNormal = false;
   std::string_view category;
-  Operand Ps, N, L, Cl, Ol;             // Ps, N: what it was run for. L as in the light: from the light to the point
+  Operand Ps, N, L, Cl, Ol;      // Ps, N: what it was run for. L as in the light: from the light to the point
   int32_t* evaluated = nullptr;  // points that it was run for
   int32_t* lit = nullptr;        // of these: reached by illuminate or solar
   int32_t* shadowed = nullptr;   // of these: Cl already holds the shadow

@@ -72,8 +72,8 @@ void Machine::computeFootprints() {
   footprintsKnown_ = true;
 }
 
-/// Makes rays of a question. True: run() has to return. False: there is nothing to wait for; the answers of the rays, if
-/// any, are misses.
+/// Makes rays of a question. True: run() has to return. False: there is nothing to wait for; the answers of
+/// the rays, if any, are misses.
 bool Machine::ask(const Question& q) {
   if (!rays_) rays_ = std::make_unique<PendingRays>();
   if (!footprintsKnown_) computeFootprints();
@@ -106,7 +106,8 @@ bool Machine::ask(const Question& q) {
     };
     r.onSurface[k] = near(from);
     if (segment && !r.onSurface[k] && near(from + direction)) {
-      // The same question from the other end: then the tracer knows which surface the ray must not hit by mistake.
+      // The same question from the other end: then the tracer knows which surface the ray must not hit by
+      // mistake.
       from += direction;
       direction = -direction;
       r.onSurface[k] = true;
@@ -142,19 +143,24 @@ bool Machine::ask(const Question& q) {
   }
   if (r.count == 0) return false;
   if (!batch_.raysAllowed) {
-    reportOnce("shading.rays." + main_.exe().program().name,
-               Error{RiError::kIncapable, Severity::kWarning, {},
-                     fmt::format("shader \"{}\" asks for rays where there are none (displacement or imager): they miss",
-                                 main_.exe().program().name)});
+    reportOnce(
+        "shading.rays." + main_.exe().program().name,
+        Error{RiError::kIncapable,
+              Severity::kWarning,
+              {},
+              fmt::format(
+                  "shader \"{}\" asks for rays where there are none (displacement or imager): they miss",
+                  main_.exe().program().name)});
     r.missAll();
     return false;
   }
   return true;
 }
 
-/// Scatters answers into a register. Points that asked nothing get what the first ray got when it stands for all;
-/// the neighbours of a hit get the hit's own.
-void Machine::answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask) {
+/// Scatters answers into a register. Points that asked nothing get what the first ray got when it stands for
+/// all; the neighbours of a hit get the hit's own.
+void Machine::answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays],
+                     const int32_t* mask) {
   const PendingRays& r = *rays_;
   const uint32_t n = batch_.lanes;
   for (uint32_t c = 0; c < components; ++c) {
@@ -185,7 +191,8 @@ std::string_view Machine::optionString(Frame& f, const Step& s, uint32_t fixed, 
   const Operand* o = option(f, s, fixed, name);
   return o ? text(f, s, uint32_t(o - f.args(s))) : std::string_view();
 }
-float Machine::optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const {
+float Machine::optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name,
+                           float fallback) const {
   const Operand* o = option(f, s, fixed, name);
   if (!o || !o->data) return fallback;
   // One value for the batch: that of the first active point.
@@ -203,17 +210,27 @@ struct RayShape {
 };
 RayShape shapeOf(Op op) {
   switch (op) {
-    case Op::trace_t: return {RayKind::kTrace, 1, 3};
-    case Op::trace_f: return {RayKind::kHitTest, 1, 3};
+    case Op::trace_t:
+      return {RayKind::kTrace, 1, 3};
+    case Op::trace_f:
+      return {RayKind::kHitTest, 1, 3};
     case Op::visibility:
-    case Op::transmission: return {RayKind::kVisibility, 1, 3};
-    case Op::rayhittest: return {RayKind::kHitTest, 3, 5};
-    case Op::fulltrace: return {RayKind::kFullTrace, 7, 9};
-    case Op::occlusion: return {RayKind::kHitTest, 1, 4};
-    case Op::indirectdiffuse: return {RayKind::kTrace, 1, 4};
-    case Op::indirect: return {RayKind::kTrace, 1, 3};
-    case Op::areashadow: return {RayKind::kVisibility, 1, 3};
-    default: return {RayKind::kTrace, 1, 0};
+    case Op::transmission:
+      return {RayKind::kVisibility, 1, 3};
+    case Op::rayhittest:
+      return {RayKind::kHitTest, 3, 5};
+    case Op::fulltrace:
+      return {RayKind::kFullTrace, 7, 9};
+    case Op::occlusion:
+      return {RayKind::kHitTest, 1, 4};
+    case Op::indirectdiffuse:
+      return {RayKind::kTrace, 1, 4};
+    case Op::indirect:
+      return {RayKind::kTrace, 1, 3};
+    case Op::areashadow:
+      return {RayKind::kVisibility, 1, 3};
+    default:
+      return {RayKind::kTrace, 1, 0};
   }
 }
 }  // namespace
@@ -239,14 +256,18 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
   const uint32_t n = batch_.lanes;
   if (shape.fixed == 0) {  // photons, caustic: there is no photon map
     reportOnce(std::string("shading.photons.") + opInfo(s.op).name,
-               Error{RiError::kUnimplemented, Severity::kWarning, {},
+               Error{RiError::kUnimplemented,
+                     Severity::kWarning,
+                     {},
                      fmt::format("{}(): photon maps are not available; black", opInfo(s.op).name)});
     for (uint32_t c = 0; c < 3; ++c) std::fill_n(a[0].comp(c), a[0].varying() ? n : kLanePad, 0.0f);
     return Next::kGo;
   }
   const bool hemisphere = s.op == Op::occlusion || s.op == Op::indirectdiffuse || s.op == Op::indirect;
-  const bool sampled = hemisphere || s.op == Op::trace_t || s.op == Op::transmission || s.op == Op::visibility;
-  const float maxDistance = sampled || s.op == Op::trace_f ? optionFloat(f, s, shape.fixed, "maxdist", 1e30f) : 1e38f;
+  const bool sampled =
+      hemisphere || s.op == Op::trace_t || s.op == Op::transmission || s.op == Op::visibility;
+  const float maxDistance =
+      sampled || s.op == Op::trace_f ? optionFloat(f, s, shape.fixed, "maxdist", 1e30f) : 1e38f;
   float samples = 1;
   if (s.op == Op::occlusion || s.op == Op::indirectdiffuse)
     samples = a[3].at(0);
@@ -293,7 +314,8 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
       if (wait) return Next::kSuspend;
     }
     f.rayPhase = 0;
-    if (summed) accumulate(q, f.mask, maxDistance, hemisphere ? optionFloat(f, s, shape.fixed, "falloff", 0) : 0);
+    if (summed)
+      accumulate(q, f.mask, maxDistance, hemisphere ? optionFloat(f, s, shape.fixed, "falloff", 0) : 0);
     if (++f.raySample >= q.samples) break;
   }
   f.raySample = 0;
@@ -317,7 +339,9 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
       break;
     case Op::visibility:
     case Op::transmission:
-    case Op::areashadow: answer(a[0], 3, r.color, f.mask); break;
+    case Op::areashadow:
+      answer(a[0], 3, r.color, f.mask);
+      break;
     case Op::rayhittest:
       answer(a[0], 1, &r.hitDistance, f.mask);
       answer(a[1], 3, r.hitP, f.mask);
@@ -332,7 +356,8 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
       answer(a[5], 3, r.missP, f.mask);
       answer(a[6], 3, r.missR, f.mask);
       break;
-    default: break;
+    default:
+      break;
   }
   return Next::kGo;
 }
@@ -386,20 +411,28 @@ Machine::Next Machine::gatherTurn(Frame& f) {
       const int32_t hit = c.third[r.lane[0]];
       for (uint32_t i = 0; i < n; ++i) c.third[i] = c.other[i] & hit;
     } else if (batch_.copyPeriod) {
-      for (uint32_t i = batch_.copyPeriod; i < n; ++i) c.third[i] = c.other[i] & c.third[i % batch_.copyPeriod];
+      for (uint32_t i = batch_.copyPeriod; i < n; ++i)
+        c.third[i] = c.other[i] & c.third[i % batch_.copyPeriod];
     }
     for (uint32_t k = fixed; k + 1 < s.argCount; k += 2) {
       if (!isWritten(f, s, k + 1)) continue;
       const std::string_view name = text(f, s, k);
       const Operand& out = a[k + 1];
       const uint32_t components = slTypeFloats(f.exe().program().symbols[symbolOf(f, s, k + 1)].type);
-      if (name == "ray:length" && components == 1) answer(out, 1, &r.hitDistance, c.other);
-      else if (components != 3) continue;
-      else if (name == "ray:direction") answer(out, 3, r.direction, c.other);
-      else if (name == "ray:origin") answer(out, 3, r.origin, c.other);
-      else if (name == "primitive:P") answer(out, 3, r.hitP, c.third);
-      else if (name == "primitive:N") answer(out, 3, r.hitN, c.third);
-      else if (name == "surface:Ci" || name == "volume:Ci") answer(out, 3, r.color, c.third);
+      if (name == "ray:length" && components == 1)
+        answer(out, 1, &r.hitDistance, c.other);
+      else if (components != 3)
+        continue;
+      else if (name == "ray:direction")
+        answer(out, 3, r.direction, c.other);
+      else if (name == "ray:origin")
+        answer(out, 3, r.origin, c.other);
+      else if (name == "primitive:P")
+        answer(out, 3, r.hitP, c.third);
+      else if (name == "primitive:N")
+        answer(out, 3, r.hitN, c.third);
+      else if (name == "surface:Ci" || name == "volume:Ci")
+        answer(out, 3, r.color, c.third);
     }
     std::memcpy(f.mask, c.third, n * sizeof(int32_t));
     f.active = any(f.mask);

@@ -59,9 +59,15 @@ void Machine::stringOp(Frame& f, const Step& s) {
   uint32_t lane = 0;
   while (lane + 1 < f.lanes() && !f.mask[lane]) ++lane;
   switch (s.op) {
-    case Op::eq_s: setFloat(f, a[0], text(f, s, 1) == text(f, s, 2) ? 1.0f : 0.0f); break;
-    case Op::ne_s: setFloat(f, a[0], text(f, s, 1) != text(f, s, 2) ? 1.0f : 0.0f); break;
-    case Op::select_s: f.strings(symbolOf(f, s, 0))[0] = text(f, s, a[1].at(lane) != 0.0f ? 2 : 3); break;
+    case Op::eq_s:
+      setFloat(f, a[0], text(f, s, 1) == text(f, s, 2) ? 1.0f : 0.0f);
+      break;
+    case Op::ne_s:
+      setFloat(f, a[0], text(f, s, 1) != text(f, s, 2) ? 1.0f : 0.0f);
+      break;
+    case Op::select_s:
+      f.strings(symbolOf(f, s, 0))[0] = text(f, s, a[1].at(lane) != 0.0f ? 2 : 3);
+      break;
     case Op::concat: {
       std::string r;
       for (uint32_t k = 1; k < s.argCount; ++k) r += text(f, s, k);
@@ -95,13 +101,17 @@ void Machine::stringOp(Frame& f, const Step& s) {
                                   std::regex(std::string(text(f, s, 1)), std::regex::extended));
       } catch (const std::exception&) {
         reportOnce("shading.match." + std::string(text(f, s, 1)),
-                   Error{RiError::kSyntax, Severity::kWarning, {},
+                   Error{RiError::kSyntax,
+                         Severity::kWarning,
+                         {},
                          fmt::format("match(): bad pattern \"{}\"", text(f, s, 1))});
       }
       setFloat(f, a[0], found ? 1.0f : 0.0f);
       break;
     }
-    case Op::shadername: f.strings(symbolOf(f, s, 0))[0] = f.exe().program().name; break;
+    case Op::shadername:
+      f.strings(symbolOf(f, s, 0))[0] = f.exe().program().name;
+      break;
     case Op::shadername_s: {
       const std::string_view type = text(f, s, 1);
       const ShaderInstance* i = type == "surface"        ? partners_.surface
@@ -111,7 +121,8 @@ void Machine::stringOp(Frame& f, const Step& s) {
       f.strings(symbolOf(f, s, 0))[0] = i ? std::string_view(i->program().name) : std::string_view();
       break;
     }
-    default: break;
+    default:
+      break;
   }
 }
 
@@ -122,7 +133,8 @@ bool sameKind(SlType a, SlType b) { return a == b || (isTriple(a) && isTriple(b)
 /// Writes a value into operand `arg` (a symbol) for active points. False: types or lengths differ.
 bool Machine::writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v) {
   const Symbol& symbol = f.exe().program().symbols[arg];
-  if (!sameKind(symbol.type, v.type) || std::max(1u, symbol.arrayLength) > std::max(1u, v.arrayLength)) return false;
+  if (!sameKind(symbol.type, v.type) || std::max(1u, symbol.arrayLength) > std::max(1u, v.arrayLength))
+    return false;
   if (symbol.type == SlType::kString) {
     const uint32_t count = std::max(1u, symbol.arrayLength);
     if (v.strings.size() < count) return false;
@@ -142,9 +154,11 @@ bool Machine::copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& fr
   if (index == kNoIndex) return false;
   const uint32_t source = p.parameters[index].symbol;
   const Symbol& symbol = f.exe().program().symbols[arg];
-  if (!sameKind(symbol.type, p.symbols[source].type) || symbol.arrayLength != p.symbols[source].arrayLength) return false;
+  if (!sameKind(symbol.type, p.symbols[source].type) || symbol.arrayLength != p.symbols[source].arrayLength)
+    return false;
   if (symbol.type == SlType::kString) {
-    for (uint32_t k = 0; k < std::max(1u, symbol.arrayLength); ++k) f.strings(arg)[k] = from.strings(source)[k];
+    for (uint32_t k = 0; k < std::max(1u, symbol.arrayLength); ++k)
+      f.strings(arg)[k] = from.strings(source)[k];
     return true;
   }
   const Operand& in = from.symbol(source);
@@ -156,7 +170,8 @@ bool Machine::copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& fr
   return true;
 }
 
-bool Machine::copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from, std::string_view name) {
+bool Machine::copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
+                           std::string_view name) {
   const ShaderValue* v = from ? from->parameter(name) : nullptr;
   return v && writeValue(f, arg, out, *v);
 }
@@ -175,10 +190,18 @@ void Machine::message(Frame& f, const Step& s) {
       else
         found = copyInstance(f, arg, out, partners_.surface, name);
       break;
-    case Op::msg_displacement: found = copyInstance(f, arg, out, partners_.displacement, name); break;
-    case Op::msg_atmosphere: found = copyInstance(f, arg, out, partners_.atmosphere, name); break;
-    case Op::msg_incident: found = copyInstance(f, arg, out, partners_.exterior, name); break;
-    case Op::msg_opposite: found = copyInstance(f, arg, out, partners_.interior, name); break;
+    case Op::msg_displacement:
+      found = copyInstance(f, arg, out, partners_.displacement, name);
+      break;
+    case Op::msg_atmosphere:
+      found = copyInstance(f, arg, out, partners_.atmosphere, name);
+      break;
+    case Op::msg_incident:
+      found = copyInstance(f, arg, out, partners_.exterior, name);
+      break;
+    case Op::msg_opposite:
+      found = copyInstance(f, arg, out, partners_.interior, name);
+      break;
     case Op::msg_lightsource:
       for (uint32_t k = f.depth; k-- > 0;) {
         const Control& c = f.control[k];
@@ -187,9 +210,15 @@ void Machine::message(Frame& f, const Step& s) {
         break;
       }
       break;
-    case Op::get_attribute: found = host_.attribute(name, batch_.attributes, v) && writeValue(f, arg, out, v); break;
-    case Op::get_option: found = host_.option(name, v) && writeValue(f, arg, out, v); break;
-    case Op::get_rendererinfo: found = host_.rendererInfo(name, v) && writeValue(f, arg, out, v); break;
+    case Op::get_attribute:
+      found = host_.attribute(name, batch_.attributes, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_option:
+      found = host_.option(name, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_rendererinfo:
+      found = host_.rendererInfo(name, v) && writeValue(f, arg, out, v);
+      break;
     case Op::get_rayinfo: {
       if (name == "type") {
         v.type = SlType::kString;
@@ -215,7 +244,9 @@ void Machine::message(Frame& f, const Step& s) {
           const float length = glm::length(d);
           if (scalar) out.data[i] = length;
           for (uint32_t c = 0; triple && c < 3; ++c)
-            out.comp(c)[i] = name == "origin" ? P.at(i, c) - d[int(c)] : length > 0 ? d[int(c)] / length : 0.0f;
+            out.comp(c)[i] = name == "origin" ? P.at(i, c) - d[int(c)]
+                             : length > 0     ? d[int(c)] / length
+                                              : 0.0f;
         }
         found = true;
         break;
@@ -223,7 +254,8 @@ void Machine::message(Frame& f, const Step& s) {
       found = writeValue(f, arg, out, v);
       break;
     }
-    default: break;
+    default:
+      break;
   }
   setFloat(f, a[0], found ? 1.0f : 0.0f);
 }
@@ -237,8 +269,11 @@ void Machine::textureOp(Frame& f, const Step& s) {
     case Op::texture_f:
     case Op::texture_t:
     case Op::texture4_f:
-    case Op::texture4_t: value = 1.0f; break;
-    default: break;  // environment: black. shadow: lit
+    case Op::texture4_t:
+      value = 1.0f;
+      break;
+    default:
+      break;  // environment: black. shadow: lit
   }
   if (s.argCount == 0 || !isWritten(f, s, 0)) return;
   const uint32_t symbol = symbolOf(f, s, 0);

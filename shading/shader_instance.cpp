@@ -20,14 +20,17 @@ ShaderValue constantValue(const ShaderProgram& p, uint32_t symbol) {
   return v;
 }
 bool fits(const Symbol& s, const ShaderValue& v) {
-  if (s.type == SlType::kString) return v.type == SlType::kString && v.strings.size() == std::max(1u, s.arrayLength);
+  if (s.type == SlType::kString)
+    return v.type == SlType::kString && v.strings.size() == std::max(1u, s.arrayLength);
   const bool sameKind = s.type == v.type || (isTriple(s.type) && isTriple(v.type));
   return sameKind && v.floats.size() == s.floats();
 }
 }  // namespace
 
-std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe, const DMat4& shaderToCurrent,
-                                                 const std::vector<ParameterSetting>& settings, const ShaderHost& host) {
+std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe,
+                                                 const DMat4& shaderToCurrent,
+                                                 const std::vector<ParameterSetting>& settings,
+                                                 const ShaderHost& host) {
   auto instance = std::make_shared<ShaderInstance>();
   instance->exe = std::move(exe);
   instance->toCurrent = shaderToCurrent;
@@ -47,7 +50,8 @@ std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executabl
   for (uint32_t i = 0; i < p.parameters.size(); ++i) {
     const Parameter& parameter = p.parameters[i];
     const std::string_view name = p.symbolName(parameter.symbol);
-    const auto given = std::find_if(settings.rbegin(), settings.rend(), [&](const auto& s) { return s.name == name; });
+    const auto given =
+        std::find_if(settings.rbegin(), settings.rend(), [&](const auto& s) { return s.name == name; });
     if (given != settings.rend()) {
       if (fits(p.symbols[parameter.symbol], given->value)) {
         const SlType type = instance->values[i].type;
@@ -56,10 +60,14 @@ std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executabl
         instance->values[i].arrayLength = p.symbols[parameter.symbol].arrayLength;
         continue;
       }
-      reportOnce(fmt::format("shading.parameter.{}.{}", p.name, name),
-                 Error{RiError::kConsistency, Severity::kWarning, {},
-                       fmt::format("shader \"{}\": parameter \"{}\" has another type or length than the shader's; "
-                                   "the default is used", p.name, name)});
+      reportOnce(
+          fmt::format("shading.parameter.{}.{}", p.name, name),
+          Error{RiError::kConsistency,
+                Severity::kWarning,
+                {},
+                fmt::format("shader \"{}\": parameter \"{}\" has another type or length than the shader's; "
+                            "the default is used",
+                            p.name, name)});
     }
     if (parameter.defaultConstant != kNoIndex) {
       instance->values[i] = constantValue(p, parameter.defaultConstant);

@@ -24,8 +24,8 @@ struct ShaderValue {
 class ShaderHost {
  public:
   virtual ~ShaderHost() = default;
-  /// Matrix from the named space ("world", "raster", a CoordinateSystem ...) to current space; false: unknown.
-  /// "shader", "current" and "object" never arrive here.
+  /// Matrix from the named space ("world", "raster", a CoordinateSystem ...) to current space; false:
+  /// unknown. "shader", "current" and "object" never arrive here.
   virtual bool spaceToCurrent(std::string_view name, DMat4& m) const = 0;
   virtual bool objectToCurrent(uint32_t object, DMat4& m) const = 0;
   /// attribute(), option(), rendererinfo(); false: there is none.
@@ -44,12 +44,12 @@ class ShaderHost {
 /// A bound shader. Immutable once bound; shared by tasks.
 struct ShaderInstance {
   std::shared_ptr<const Executable> exe;
-  DMat4 toCurrent{1.0};            // shader space to current space
-  uint32_t attributes = kNoIndex;  // attribute state, for attribute() in lights; surfaces use the batch's
-  std::vector<ShaderValue> values; // one per parameter of the program
-  bool shadows = false;            // light: Cl is multiplied by the visibility of the light
-  uint32_t samples = 1;            // light: Attribute "light" "nsamples"
-  uint32_t id = kNoIndex;          // seed of its random numbers
+  DMat4 toCurrent{1.0};             // shader space to current space
+  uint32_t attributes = kNoIndex;   // attribute state, for attribute() in lights; surfaces use the batch's
+  std::vector<ShaderValue> values;  // one per parameter of the program
+  bool shadows = false;             // light: Cl is multiplied by the visibility of the light
+  uint32_t samples = 1;             // light: Attribute "light" "nsamples"
+  uint32_t id = kNoIndex;           // seed of its random numbers
 
   const ShaderProgram& program() const { return exe->program(); }
   /// Value of a parameter, nullptr if there is none.
@@ -64,9 +64,10 @@ struct ParameterSetting {
   std::string name;
   ShaderValue value;
 };
-/// Binds: settings override defaults; default code runs once, in order of declaration. Settings of unknown names are
-/// ignored (renderers share RIBs); of wrong type or length: one warning, the default stays.
-std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe, const DMat4& shaderToCurrent,
+/// Binds: settings override defaults; default code runs once, in order of declaration. Settings of unknown
+/// names are ignored (renderers share RIBs); of wrong type or length: one warning, the default stays.
+std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe,
+                                                 const DMat4& shaderToCurrent,
                                                  const std::vector<ParameterSetting>& settings,
                                                  const ShaderHost& host);
 
