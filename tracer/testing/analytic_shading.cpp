@@ -34,6 +34,14 @@ bool ShadingSystem::isOpaque(AttributeId a) const {
 }
 uint32_t ShadingSystem::shadeGroup(AttributeId a) const { return a; }
 ShadingStatistics ShadingSystem::statistics() const { return {}; }
+Displacer& ShadingSystem::displacer() {
+  static struct : Displacer {
+    bool displaces(ObjectId) const override { return false; }
+    void displace(NodeId, size_t, const uint32_t*, const float*, const float*, int, int, float* const*,
+                  float* const*) override {}
+  } none;
+  return none;
+}
 
 struct ShadeTask::Impl {
   ShadingSystem::Impl* system;

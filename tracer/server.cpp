@@ -1,0 +1,149 @@
+#include "tracer/server.h"
+
+#include <thread>
+#include <vector>
+
+#include "shm/channel_server.h"
+#include "tracer/server_messages.h"
+
+namespace fr::tracer {
+namespace {
+
+using std::chrono::milliseconds;
+
+/// How often the control thread looks up when nothing is said. The end of the client is noticed at once
+/// (hang-up).
+constexpr milliseconds kIdle{1000};
+constexpr int kMostThreads = 1024;
+
+/// What the channel server calls from its threads.
+class Handler : public shm::ChannelHandler {
+ public:
+  explicit Handler(RayTracer& tracer) : tracer_(tracer) {}
+
+  shm::Served serveBlock(const shm::ServedBlock& block) override {
+    if (block.bytes.size() < sizeof(RayQuery)) return shm::Served::kFailed;
+    // One workplace per thread; the threads end before the tracer does.
+    thread_local std::unique_ptr<AnswerThread> thread;
+    if (!thread) thread = std::make_unique<AnswerThread>(tracer_);
+    thread->answer(*reinterpret_cast<RayQuery*>(block.bytes.data()));
+    return shm::Served::kDone;
+  }
+  int serveMail(uint64_t, void*, std::span<const std::byte>, std::span<std::byte, shm::kMailBytes>) override {
+    return -1;  // single rays come in blocks so far
+  }
+  void channelEnded(uint64_t, void*, const Error* error) override {
+    if (error) report(*error);
+  }
+
+ private:
+  RayTracer& tracer_;
+};
+
+class Server {
+ public:
+  explicit Server(shm::PeerSocket parent) : parent_(std::move(parent)) {}
+
+  Result<void> run() {
+    Result<void> r = talk();
+    if (!r && parent_.alive()) (void)sendMessage(parent_, MessageType::kRefused, {}, r.error().message);
+    stop();
+    return r;
+  }
+
+ private:
+  Result<void> talk() {
+    for (;;) {
+      auto got = receiveMessage(parent_, kIdle);
+      if (!got) {
+        if (!parent_.alive()) return {};  // the client is gone: so are we
+        return std::move(got).error();
+      }
+      if (!*got) continue;
+      ReceivedMessage& m = **got;
+      switch (m.type) {
+        case MessageType::kPath:
+          options_.shaderPath.emplace_back(m.text());
+          break;
+        case MessageType::kScene:
+          if (Result<void> r = openScene(m); !r) return r;
+          break;
+        case MessageType::kChannel:
+          if (Result<void> r = addChannel(m); !r) return r;
+          break;
+        case MessageType::kStatistics:
+          if (Result<void> r = sendNumbers(); !r) return r;
+          break;
+        case MessageType::kGoodbye:
+          stop();
+          return sendNumbers();
+        default:
+          return makeError(RiError::kBadFile, "unexpected message {} from the renderer", uint32_t(m.type));
+      }
+    }
+  }
+
+  Result<void> openScene(ReceivedMessage& m) {
+    SceneMessage scene;
+    if (tracer_ || m.descriptors.size() != 3 || !m.read(scene))
+      return makeError(RiError::kBadFile, "the renderer's description of the scene is damaged");
+    options_.standardShaders = m.text(sizeof scene);
+    options_.tracerSide = true;
+    auto cache = cache::SceneCache::attach(
+        {m.descriptors[0].get(), m.descriptors[1].get(), m.descriptors[2].get()}, false);
+    if (!cache) return std::move(cache).error();
+    cache_ = std::move(cache).value();
+    shading_ = std::make_unique<ShadingSystem>(*cache_, options_);
+    shading_->loadShaders(cache::kForTracer);
+    cache_->setDisplacer(&shading_->displacer());
+    const int threads = std::clamp(scene.threads, 1, kMostThreads);
+    RayTracerOptions options;
+    options.maxRayLevel = scene.maxRayLevel;
+    options.scene.patchMultiplier = scene.patchMultiplier;
+    options.scene.threads = threads;
+    tracer_ = std::make_unique<RayTracer>(*cache_, *shading_, options);
+    handler_ = std::make_unique<Handler>(*tracer_);
+    auto server = shm::ChannelServer::create(*handler_, {});
+    if (!server) return std::move(server).error();
+    server_ = std::move(server).value();
+    for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { server_->run(); });
+    auto board = server_->board()->share();
+    if (!board) return std::move(board).error();
+    const int fd = board->get();
+    return sendMessage(parent_, MessageType::kReady, {}, {}, std::span(&fd, 1));
+  }
+
+  Result<void> addChannel(ReceivedMessage& m) {
+    if (!server_ || m.descriptors.size() != 1)
+      return makeError(RiError::kBadFile, "a channel came without a scene or a descriptor");
+    auto id = server_->add(std::move(m.descriptors[0]), nullptr, [this] { return parent_.alive(); });
+    if (!id) return std::move(id).error();
+    return sendMessage(parent_, MessageType::kAdded);
+  }
+
+  Result<void> sendNumbers() {
+    const TracerStatistics s = tracer_ ? tracer_->statistics() : TracerStatistics{};
+    return sendMessage(parent_, MessageType::kNumbers, std::as_bytes(std::span(&s, 1)));
+  }
+
+  void stop() {
+    if (server_) server_->stop();
+    for (std::thread& t : threads_) t.join();
+    threads_.clear();
+  }
+
+  shm::PeerSocket parent_;
+  ShadingSystem::Options options_;
+  std::unique_ptr<cache::SceneCache> cache_;
+  std::unique_ptr<ShadingSystem> shading_;
+  std::unique_ptr<RayTracer> tracer_;
+  std::unique_ptr<Handler> handler_;
+  std::unique_ptr<shm::ChannelServer> server_;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace
+
+Result<void> serveParent(shm::PeerSocket parent) { return Server(std::move(parent)).run(); }
+
+}  // namespace fr::tracer

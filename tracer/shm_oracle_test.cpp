@@ -1,0 +1,222 @@
+// The ring transport with real processes.
+#include "tracer/shm_oracle.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstring>
+#include <filesystem>
+#include <random>
+#include <thread>
+
+#include "shm/file_descriptor.h"
+#include "tracer/inproc_oracle.h"
+#include "tracer/testing/ray_batches.h"
+
+namespace fr::tracer {
+namespace {
+
+using testing::AnalyticScene;
+
+std::string serverProgram() { return std::string(FR_BINARY_DIR) + "/tests/tracer_analytic_server"; }
+
+std::unique_ptr<cache::SceneCache> zoo() {
+  AnalyticScene s;
+  testing::addZoo(s);
+  return s.finish();
+}
+
+ShmOracleService::Options options(int threads = 2) {
+  ShmOracleService::Options o;
+  o.program = serverProgram();
+  o.threads = threads;
+  return o;
+}
+
+TEST(ShmOracle, AnswersBitForBitAsInproc) {
+  auto cache = zoo();
+  ShadingSystem shading(*cache, {});
+  InprocOracleService inproc(*cache, shading, {});
+  ShmOracleService shm(*cache, options());
+  auto here = std::move(inproc.connect()).value(), there = std::move(shm.connect()).value();
+  for (RayKind kind : {RayKind::kTrace, RayKind::kVisibility, RayKind::kHitTest, RayKind::kFullTrace})
+    for (uint32_t batch : {1u, 100u, 1024u}) {
+      const auto rays = testing::randomRays(*cache, batch == 1 ? 300 : 5000, 11 + batch);
+      auto a = testing::askInBatches(*here, rays, kind, 333);
+      auto b = testing::askInBatches(*there, rays, kind, batch);
+      ASSERT_TRUE(a.ok());
+      ASSERT_TRUE(b.ok()) << b.error().str();
+      EXPECT_EQ(*a, *b) << int(kind) << " in batches of " << batch;
+    }
+}
+
+TEST(ShmOracle, ManyThreadsGetTheirOwnAnswers) {
+  auto cache = zoo();
+  ShadingSystem shading(*cache, {});
+  InprocOracleService inproc(*cache, shading, {});
+  ShmOracleService shm(*cache, options(3));
+  std::atomic<int> same{0};
+  std::vector<std::thread> threads;
+  for (uint32_t t = 0; t < 4; ++t)
+    threads.emplace_back([&, t] {
+      auto here = std::move(inproc.connect()).value(), there = std::move(shm.connect()).value();
+      const auto rays = testing::randomRays(*cache, 2000, t);
+      auto a = testing::askInBatches(*here, rays, RayKind::kFullTrace, 64);
+      auto b = testing::askInBatches(*there, rays, RayKind::kFullTrace, 50 + t);
+      same += a.ok() && b.ok() && *a == *b;
+    });
+  for (auto& t : threads) t.join();
+  EXPECT_EQ(same, 4);
+  const auto numbers = shm.statistics();
+  ASSERT_TRUE(numbers);
+  EXPECT_EQ(numbers->rays[int(RayKind::kFullTrace)], 8000u);
+  EXPECT_GT(numbers->embreeBytes, 0u);
+}
+
+TEST(ShmOracle, NothingStartsBeforeTheFirstBlock) {
+  auto cache = zoo();
+  ShmOracleService::Options o = options();
+  o.program = "/nowhere/rendrib";
+  ShmOracleService shm(*cache, o);
+  auto line = shm.connect();
+  ASSERT_TRUE(line.ok());
+  EXPECT_EQ(shm.processId(), 0);
+  RayQuery* q = (*line)->acquire();
+  ASSERT_TRUE(q);
+  q->count = 0;
+  const Result<void> r = (*line)->submit(q);
+  ASSERT_FALSE(r.ok());
+  EXPECT_NE(r.error().message.find("rendrib"), std::string::npos) << r.error().message;
+  EXPECT_FALSE((*line)->wait().ok());
+  EXPECT_FALSE((*line)->answered(q));
+  (*line)->release(q);
+}
+
+TEST(ShmOracle, AProgramThatEndsOrBabblesIsAnError) {
+  auto cache = zoo();
+  for (const char* what : {"exit", "babble"}) {
+    ShmOracleService::Options o = options();
+    o.arguments = {what};
+    ShmOracleService shm(*cache, o);
+    auto line = std::move(shm.connect()).value();
+    RayQuery* q = line->acquire();
+    ASSERT_TRUE(q);
+    EXPECT_FALSE(line->submit(q).ok()) << what;
+  }
+}
+
+TEST(ShmOracle, AKilledTracerIsAClearError) {
+  auto cache = zoo();
+  ShmOracleService shm(*cache, options());
+  const auto rays = testing::randomRays(*cache, 200000, 1);
+  std::atomic<bool> started{false};
+  std::thread killer([&] {
+    while (!started) std::this_thread::yield();
+    while (const int pid = shm.processId()) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(30));
+      kill(pid, SIGKILL);
+    }
+  });
+  auto line = std::move(shm.connect()).value();
+  const auto few = testing::RayList(rays.begin(), rays.begin() + 100);
+  EXPECT_TRUE(testing::askInBatches(*line, few, RayKind::kHitTest, 10).ok());
+  started = true;
+  const auto answers = testing::askInBatches(*line, rays, RayKind::kFullTrace, 64);
+  killer.join();
+  ASSERT_FALSE(answers.ok());
+  EXPECT_NE(answers.error().message.find("ray tracer process was killed by signal 9"), std::string::npos)
+      << answers.error().message;
+  // Others are told the same, at once.
+  auto other = std::move(shm.connect()).value();
+  const auto again = testing::askInBatches(*other, few, RayKind::kHitTest, 10);
+  ASSERT_FALSE(again.ok());
+  EXPECT_EQ(again.error().message, answers.error().message);
+  EXPECT_FALSE(shm.statistics());
+}
+
+TEST(ShmOracle, TheTracerEndsWithItsClient) {
+  auto cache = zoo();
+  int pipes[2];
+  ASSERT_EQ(pipe(pipes), 0);
+  const pid_t client = fork();
+  if (client == 0) {
+    ShmOracleService shm(*cache, options());
+    auto line = std::move(shm.connect()).value();
+    const auto rays = testing::randomRays(*cache, 100, 1);
+    (void)testing::askInBatches(*line, rays, RayKind::kHitTest, 10);
+    const int pid = shm.processId();
+    (void)!write(pipes[1], &pid, sizeof pid);
+    raise(SIGKILL);
+  }
+  int pid = 0;
+  ASSERT_EQ(read(pipes[0], &pid, sizeof pid), ssize_t(sizeof pid));
+  ASSERT_GT(pid, 0);
+  int status;
+  waitpid(client, &status, 0);
+  EXPECT_TRUE(WIFSIGNALED(status));
+  // Nobody of ours reaps it: it is gone when it is no process any more or a zombie.
+  const auto alive = [&] {
+    std::error_code e;
+    const auto exe = std::filesystem::read_symlink("/proc/" + std::to_string(pid) + "/exe", e);
+    return !e && exe.string().find("tracer_analytic_server") != std::string::npos;
+  };
+  for (int i = 0; i < 500 && alive(); ++i) usleep(10000);
+  EXPECT_FALSE(alive());
+  close(pipes[0]), close(pipes[1]);
+}
+
+TEST(ShmOracle, LeavesNothingBehind) {
+  auto cache = zoo();
+  const auto files = [] {
+    return std::distance(std::filesystem::directory_iterator("/dev/shm"),
+                         std::filesystem::directory_iterator{});
+  };
+  const auto before = files();
+  const int descriptors = shm::openDescriptorCount();
+  for (int i = 0; i < 3; ++i) {
+    ShmOracleService service(*cache, options());
+    auto line = std::move(service.connect()).value();
+    EXPECT_TRUE(testing::askInBatches(*line, testing::randomRays(*cache, 500, 1), RayKind::kTrace, 100).ok());
+    EXPECT_EQ(files(), before);
+  }
+  EXPECT_EQ(shm::openDescriptorCount(), descriptors);
+}
+
+TEST(ShmOracle, AClientThatScribblesOverItsBlocksHarmsOnlyItself) {
+  auto cache = zoo();
+  ShadingSystem shading(*cache, {});
+  InprocOracleService inproc(*cache, shading, {});
+  ShmOracleService shm(*cache, options());
+  auto hostile = std::move(shm.connect()).value();
+  RayQuery* q = hostile->acquire();
+  ASSERT_TRUE(q);
+  std::atomic<bool> stop{false};
+  std::thread scribbler([&] {  // also while the server reads
+    std::mt19937 g(1);
+    auto* words = reinterpret_cast<volatile uint32_t*>(q);
+    while (!stop)
+      for (int i = 0; i < 1000; ++i)
+        words[i < 500 ? g() % 4 : g() % (sizeof(RayQuery) / 4)] = i & 1 ? uint32_t(g()) : g() % 8;
+  });
+  for (int i = 0; i < 200; ++i) {
+    ASSERT_TRUE(hostile->submit(q).ok());
+    while (!hostile->answered(q)) ASSERT_TRUE(hostile->wait().ok());
+    hostile->release(q);
+    ASSERT_EQ(hostile->acquire(), q);
+  }
+  stop = true;
+  scribbler.join();
+  auto good = std::move(shm.connect()).value();
+  auto here = std::move(inproc.connect()).value();
+  const auto rays = testing::randomRays(*cache, 1000, 3);
+  auto a = testing::askInBatches(*good, rays, RayKind::kTrace, 100);
+  auto b = testing::askInBatches(*here, rays, RayKind::kTrace, 100);
+  ASSERT_TRUE(a.ok() && b.ok());
+  EXPECT_EQ(*a, *b);
+}
+
+}  // namespace
+}  // namespace fr::tracer
