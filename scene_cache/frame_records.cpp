@@ -105,7 +105,7 @@ void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCame
                                  Severity::kWarning,
                                  {},
                                  "ClippingPlane is not implemented; nothing is cut away"});
-  if (o.screenTransform)
+  if (o.screenTransform && *o.screenTransform != ri::Transform())
     reportOnce("screen transform", {RiError::kUnimplemented,
                                     Severity::kWarning,
                                     {},

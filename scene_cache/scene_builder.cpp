@@ -7,6 +7,7 @@
 
 #include "scene_cache/frame_records.h"
 #include "scene_cache/primitive.h"
+#include "scene_cache/teapot.h"
 
 namespace fr::cache {
 
@@ -72,9 +73,10 @@ void SceneBuilder::onWorldEnd() {
     failure_ = std::move(fd).error();
     return;
   }
-  const off_t bytes = lseek(*fd, 0, SEEK_END);
+  SkeletonHeader header{};
+  if (pread(*fd, &header, sizeof(header), 0) != ssize_t(sizeof(header))) header.totalBytes = 0;
   counts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  if (!onFrame_(Frame(number, *fd, bytes > 0 ? uint64_t(bytes) : 0, counts))) stopped_ = true;
+  if (!onFrame_(Frame(number, *fd, header.totalBytes, counts))) stopped_ = true;
 }
 
 // ---- geometry
@@ -85,6 +87,7 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   World& w = *world_;
   const ri::MovingPrimitive& source = *p.source;
   const ri::Primitive& primitive = source.samples.front();
+  if (const auto* g = std::get_if<ri::Geometry>(&primitive); g && g->type == "teapot") return teapot(p);
   if (p.attributes->deformation) notImplemented("Deformation", "surfaces keep their shape", source.location);
   if (p.attributes->detail)
     notImplemented("DetailRange", "every representation is rendered", source.location);
@@ -145,8 +148,41 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
     }
 }
 
+void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
+  auto bezier = std::make_shared<ri::Basis>();
+  bezier->u = bezier->v = ri::namedBasis("bezier").value_or(DMat4(1));
+  for (ri::Patch& patch : teapotPatches()) {
+    // Variables of the whole teapot that mean something on each patch: the constant ones.
+    for (const ri::Param& v : ri::paramsOf(p.source->samples.front()))
+      if (v.declaration.storage == ri::StorageClass::kConstant) patch.params.set(v);
+    auto source = std::make_shared<ri::MovingPrimitive>();
+    source->samples.emplace_back(std::move(patch));
+    auto checked = ri::checkPrimitive(source->samples[0], {bezier->uStep, bezier->vStep});
+    FR_CHECK(checked.ok());
+    source->counts = checked->counts;
+    source->basis = bezier;
+    source->location = p.source->location;
+    onPrimitive({source, p.attributes, p.objectToWorld});
+  }
+}
+
 void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
   if (!world_) return;
+  if (p.source && p.source->kind == ri::ProceduralKind::kDelayedReadArchive && !p.source->data.empty() &&
+      readArchive_) {
+    // Read at once: the bound only says when it would be needed.
+    StateRenderer::attributeBegin();
+    state().setCtm(*p.objectToWorld);
+    auto r = readArchive_(p.source->data[0]);
+    StateRenderer::attributeEnd();
+    if (!r) {
+      Error e = std::move(r).error();
+      if (e.where.file.empty()) e.where = p.location;
+      report(std::move(e).context("Procedural \"DelayedReadArchive\""));
+      ++world_->counts.dropped;
+    }
+    return;
+  }
   ++world_->counts.dropped;
   notImplemented(
       p.source && !p.source->subdivide.empty() ? "Procedural \"" + p.source->subdivide + "\"" : "Procedural",

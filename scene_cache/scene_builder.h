@@ -4,6 +4,7 @@
 // mapping of attributes stands in attribute_records.h, that of camera and options in frame_records.h.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <set>
@@ -23,6 +24,9 @@ class SceneBuilder : public ri::StateRenderer {
 
   /// Which renderer sees what is read from now on (RibInput::sides).
   void setSides(uint8_t sides) { sides_ = sides; }
+  /// How the archives of procedurals are read; without it they are left out. The function is called in the
+  /// midst of a request, with the state of the procedural in force.
+  void setArchiveReader(std::function<Result<void>(const std::string&)> f) { readArchive_ = std::move(f); }
   /// True when the callback asked to stop or the error handler "abort" was triggered: everything is read
   /// over.
   bool stopped() const { return stopped_; }
@@ -60,11 +64,13 @@ class SceneBuilder : public ri::StateRenderer {
 
  private:
   struct World;
+  void teapot(const ri::PlacedPrimitive& p);
   bool imageOption(const char* request);
   void notImplemented(std::string_view request, std::string_view consequence, const SourceLocation& where);
 
   LoadOptions options_;
   FrameCallback onFrame_;
+  std::function<Result<void>(const std::string&)> readArchive_;
   uint8_t sides_ = kForReyes | kForTracer;
   std::unique_ptr<World> world_;  // null outside worlds and in frames that are read over
   int worldsSeen_ = 0;

@@ -45,6 +45,7 @@ Built buildPieces(const std::vector<Piece>& pieces, const LoadOptions& options =
                        },
                        {});
   ri::Reader reader(builder);
+  builder.setArchiveReader([&](const std::string& name) { return reader.readArchive(name); });
   for (const Piece& p : pieces) {
     builder.setSides(p.sides);
     auto r = reader.readBuffer(p.text, "test.rib");
@@ -465,9 +466,9 @@ TEST(SceneBuilder, SeveralWorldsInAFile) {
 
 TEST(SceneBuilder, SidesOfFiles) {
   Built b = buildPieces({{"WorldBegin " + kSphere},
-                   {kSphere, kForTracer},
-                   {"Format 1 1 1 " + kSphere, kForReyes},
-                   {"WorldEnd"}});
+                         {kSphere, kForTracer},
+                         {"Format 1 1 1 " + kSphere, kForReyes},
+                         {"WorldEnd"}});
   ASSERT_EQ(b.frames.size(), 1u);
   const auto objects = b.frames[0].skeleton.objects();
   ASSERT_EQ(objects.size(), 3u);
@@ -477,11 +478,11 @@ TEST(SceneBuilder, SidesOfFiles) {
 }
 
 TEST(SceneBuilder, TheTracersFileDoesNotChangeTheImage) {
-  Built b =
-      buildPieces({{"Format 32 16 1 Display \"a\" \"file\" \"rgba\""},
-             {"Format 4 4 1 Display \"b\" \"file\" \"rgb\" PixelSamples 9 9 Option \"user\" \"float x\" [1]",
-              kForTracer},
-             {world("", kSphere)}});
+  Built b = buildPieces(
+      {{"Format 32 16 1 Display \"a\" \"file\" \"rgba\""},
+       {"Format 4 4 1 Display \"b\" \"file\" \"rgb\" PixelSamples 9 9 Option \"user\" \"float x\" [1]",
+        kForTracer},
+       {world("", kSphere)}});
   const Skeleton& s = b.frames[0].skeleton;
   EXPECT_EQ(s.camera().resolution[0], 32);
   EXPECT_EQ(s.options().pixelSamples[0], 2);
@@ -522,6 +523,25 @@ TEST(SceneBuilder, WhatIsMissingIsSaidOncePerKind) {
   EXPECT_EQ(b.count(RiError::kUnimplemented), 2u);
   for (const Error& e : b.reports) EXPECT_GT(e.where.line, 0) << e.str();
   EXPECT_EQ(b.frames[0].counts.dropped, 4u);
+}
+
+TEST(SceneBuilder, DelayedArchivesAreReadInPlace) {
+  Built b = build(
+      "ArchiveBegin \"ball\" Translate 0 1 0 Color 0 1 0 " + kSphere + "ArchiveEnd\n" +
+      world("", "Translate 1 0 0 Procedural \"DelayedReadArchive\" [\"ball\"] [-1 1 -1 1 -1 1] " + kSphere));
+  ASSERT_EQ(b.frames.size(), 1u);
+  const Skeleton& s = b.frames[0].skeleton;
+  ASSERT_EQ(s.objects().size(), 2u);
+  EXPECT_EQ(DVec3(s.toWorld(s.objects()[0].transform, 0)[3]), DVec3(1, 1, 0));
+  EXPECT_EQ(stateOf(s, 0).color, Color(0, 1, 0));
+  EXPECT_EQ(DVec3(s.toWorld(s.objects()[1].transform, 0)[3]), DVec3(1, 0, 0))
+      << "the archive's state ends with it";
+  EXPECT_EQ(stateOf(s, 1).color, Color(1));
+  Built missing =
+      build(world("", "Procedural \"DelayedReadArchive\" [\"nowhere.rib\"] [-1 1 -1 1 -1 1] " + kSphere));
+  ASSERT_EQ(missing.frames.size(), 1u);
+  EXPECT_EQ(missing.frames[0].skeleton.objects().size(), 1u);
+  EXPECT_EQ(missing.count(RiError::kNoFile), 1u);
 }
 
 TEST(SceneBuilder, AWorldWithoutEndIsRenderedWithWhatCame) {

@@ -38,6 +38,7 @@ Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& opti
   for (const RibInput& in : inputs)
     if (in.path != "-") readerOptions.archivePath.push_back(folderOf(in.path));
   ri::Reader reader(builder, readerOptions);
+  builder.setArchiveReader([&](const std::string& name) { return reader.readArchive(name); });
   std::optional<Error> first;
   for (const RibInput& in : inputs) {
     builder.setSides(in.sides);

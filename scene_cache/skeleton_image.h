@@ -18,11 +18,12 @@ namespace fr::cache {
 class SkeletonImage {
  public:
   explicit SkeletonImage(std::span<const std::byte> bytes) { assign(bytes); }
+  /// Takes the descriptor over. The file may be longer than the skeleton.
   explicit SkeletonImage(int fd) {
-    struct stat st;
+    struct stat st {};
     fstat(fd, &st);
     void* p = mmap(nullptr, size_t(st.st_size), PROT_READ, MAP_SHARED, fd, 0);
-    assign({static_cast<std::byte*>(p), size_t(st.st_size)});
+    assign({static_cast<std::byte*>(p), size_t(static_cast<const SkeletonHeader*>(p)->totalBytes)});
     munmap(p, size_t(st.st_size));
     close(fd);
   }

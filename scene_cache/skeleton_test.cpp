@@ -1,3 +1,4 @@
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -202,8 +203,16 @@ TEST(Skeleton, RoundTrip) {
 TEST(Skeleton, SealedAgainstChange) {
   auto fd = makeScene(false);
   ASSERT_TRUE(fd.ok());
+  EXPECT_EQ(fcntl(*fd, F_GET_SEALS) & (F_SEAL_SHRINK | F_SEAL_WRITE), F_SEAL_SHRINK | F_SEAL_WRITE);
   EXPECT_EQ(mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, *fd, 0), MAP_FAILED);
-  EXPECT_NE(ftruncate(*fd, 0), 0);
+  // Nor by opening the file anew.
+  const int again = open(fmt::format("/proc/self/fd/{}", *fd).c_str(), O_RDWR);
+  if (again >= 0) {
+    EXPECT_EQ(mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, again, 0), MAP_FAILED);
+    EXPECT_NE(ftruncate(again, 0), 0);
+    EXPECT_NE(pwrite(again, "x", 1, 0), 1);
+    close(again);
+  }
   close(*fd);
 }
 

@@ -1,14 +1,17 @@
 #include "scene_cache/skeleton_writer.h"
 
+#include <fcntl.h>
+
 #include <algorithm>
 #include <bit>
+#include <cerrno>
 #include <cstring>
 #include <map>
 #include <unordered_map>
 
 #include "ri/param_list.h"
-#include "scene_cache/append_segment.h"
 #include "scene_cache/cache.h"
+#include "shm/segment.h"
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
@@ -37,13 +40,32 @@ std::span<const std::byte> bytesOf(const T& record) {
 uint64_t alignUp(uint64_t x, uint64_t align) { return (x + align - 1) & ~(align - 1); }
 
 constexpr uint64_t kTableAlign = 64;
+constexpr uint64_t kGrowStep = uint64_t(1) << 18;
+/// Address space for one skeleton; the segment takes less where the system refuses so much.
+constexpr uint64_t kReserve = uint64_t(1) << 40;
+
+/// Gives up the mapping and forbids every later change. Returns a read-only descriptor: before Linux 6.7 a
+/// file sealed against writing could not be mapped shared through one that is open for writing.
+Result<int> seal(shm::Segment segment, uint64_t bytes) {
+  // Growth was rounded up generously; the file cannot shrink, but its tail need not take memory.
+  if (segment.size() > bytes)
+    if (auto r = segment.discard(bytes, segment.size() - bytes); !r) report(r.error());
+  auto writable = segment.share(shm::Access::kReadWrite);
+  if (!writable) return std::move(writable).error();
+  auto readable = segment.share(shm::Access::kReadOnly);
+  if (!readable) return std::move(readable).error();
+  segment = shm::Segment();  // a file with a writable mapping cannot be sealed
+  if (fcntl(writable->get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL) != 0)
+    return makeError(RiError::kSystem, "cannot seal shared memory: {}", std::strerror(errno));
+  return readable->release();
+}
 
 }  // namespace
 
 struct SkeletonWriter::Impl {
-  explicit Impl(AppendSegment s) : segment(std::move(s)) {}
+  explicit Impl(shm::Segment s) : segment(std::move(s)) {}
 
-  AppendSegment segment;
+  shm::Segment segment;
   uint64_t end = alignUp(sizeof(SkeletonHeader), kTableAlign);
   std::optional<Error> error;
 
@@ -86,9 +108,14 @@ struct SkeletonWriter::Impl {
     *range = {};
     if (error) return nullptr;
     const uint64_t offset = alignUp(end, align);
-    if (auto r = segment.reserve(offset + bytes); !r) {
-      fail(std::move(r).error());
-      return nullptr;
+    if (offset + bytes > segment.size()) {
+      // An eighth more than asked for: few system calls however large it grows.
+      auto r = segment.grow(offset + bytes + std::min(offset / 8, uint64_t(256) << 20));
+      if (!r) r = segment.grow(offset + bytes);
+      if (!r) {
+        fail(std::move(r).error());
+        return nullptr;
+      }
     }
     // The gap of the alignment is zero already: the segment is fresh memory.
     *range = {offset, bytes};
@@ -124,7 +151,11 @@ SkeletonWriter& SkeletonWriter::operator=(SkeletonWriter&&) noexcept = default;
 SkeletonWriter::~SkeletonWriter() = default;
 
 Result<SkeletonWriter> SkeletonWriter::create() {
-  auto segment = AppendSegment::create("frankenrender-skeleton");
+  shm::SegmentOptions options;
+  options.name = "frankenrender-skeleton";
+  options.reserve = kReserve;
+  options.growStep = kGrowStep;
+  auto segment = shm::Segment::createAnonymous(options, kGrowStep);
   if (!segment) return std::move(segment).error();
   SkeletonWriter w(std::make_unique<Impl>(std::move(segment).value()));
   w.intern("");
@@ -349,7 +380,7 @@ Result<int> SkeletonWriter::finish(bool withChecksum) {
   h.magic = kSkeletonMagic;
   // A reader only ever sees the sealed segment, so the order of these bytes does not matter here.
   std::memcpy(m.segment.data(), &h, sizeof(h));
-  return m.segment.seal(m.end);
+  return seal(std::move(m.segment), m.end);
 }
 
 Slice SkeletonWriter::addParams(std::span<const ParamRecord> records) {

@@ -1,0 +1,150 @@
+#include "shading/executable.h"
+
+#include <algorithm>
+
+namespace fr {
+
+Executable::Executable(std::shared_ptr<const ShaderProgram> program,
+                       const std::vector<std::string>& varyingParameters)
+    : program_(std::move(program)) {
+  places_.resize(program_->symbols.size());
+  globals_.fill(kNoIndex);
+  inferClasses(varyingParameters);
+  placeSymbols();
+  prepareSteps();
+}
+
+namespace {
+bool opensBlock(Op op) {
+  switch (op) {
+    case Op::if_begin:
+    case Op::loop_begin:
+    case Op::inline_begin:
+    case Op::illuminance_begin:
+    case Op::illuminance_cone_begin:
+    case Op::ambient_begin:
+    case Op::illuminate_begin:
+    case Op::illuminate_cone_begin:
+    case Op::solar_begin:
+    case Op::solar_cone_begin:
+    case Op::gather_begin:
+      return true;
+    default:
+      return false;
+  }
+}
+bool closesBlock(Op op) {
+  switch (op) {
+    case Op::if_end:
+    case Op::loop_end:
+    case Op::inline_end:
+    case Op::illuminance_end:
+    case Op::illuminate_end:
+    case Op::solar_end:
+    case Op::gather_end:
+      return true;
+    default:
+      return false;
+  }
+}
+}  // namespace
+
+// The compiler has inferred classes for uniform parameters. Where primitive variables override some of them,
+// the inference is done again from there: to a fixed point, since loops feed values back.
+void Executable::inferClasses(const std::vector<std::string>& varyingParameters) {
+  const ShaderProgram& p = *program_;
+  for (size_t i = 0; i < p.symbols.size(); ++i)
+    places_[i].varying = p.symbols[i].isVarying() && p.symbols[i].type != SlType::kString;
+  bool changed = false;
+  for (const std::string& name : varyingParameters) {
+    const uint32_t index = p.findParameter(name);
+    if (index == kNoIndex) continue;
+    const uint32_t s = p.parameters[index].symbol;
+    if (p.symbols[s].type == SlType::kString || places_[s].varying) continue;
+    places_[s].varying = changed = true;
+  }
+  std::vector<char> varyingControl;  // one per open block
+  std::vector<char> leaves(p.code.size(),
+                           0);  // blocks that some points leave early, by index of their first instruction
+  while (changed) {
+    changed = false;
+    varyingControl.clear();
+    std::vector<uint32_t> open;
+    for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i) {
+      const Instruction& in = p.code[i];
+      const uint32_t flags = opInfo(in.op).flags;
+      bool reads = false;
+      for (uint32_t a : p.operands(in)) reads |= (a & kArgRead) && places_[a & kArgIndex].varying;
+      const bool inside = !varyingControl.empty() && varyingControl.back();
+      if (opensBlock(in.op)) {
+        open.push_back(i);
+        varyingControl.push_back(
+            inside || leaves[i] || (in.op == Op::if_begin && reads) ||
+            (in.op != Op::if_begin && in.op != Op::loop_begin && in.op != Op::inline_begin));
+      } else if (closesBlock(in.op)) {
+        if (!open.empty()) open.pop_back(), varyingControl.pop_back();
+      } else if (in.op == Op::loop_test && reads && !open.empty()) {
+        if (!leaves[open.back()]) leaves[open.back()] = 1, changed = true;
+        varyingControl.back() = 1;
+      } else if (inside &&
+                 (in.op == Op::break_loop || in.op == Op::continue_loop || in.op == Op::inline_return)) {
+        // Some points leave: all blocks out to the one that is left run under varying control.
+        for (size_t k = open.size(); k-- > 0;) {
+          if (!leaves[open[k]]) leaves[open[k]] = 1, changed = true;
+          const uint32_t end = p.code[open[k]].jump;
+          if (in.jump != kNoIndex && end != kNoIndex && end >= in.jump) break;
+        }
+      }
+      if (flags & kOpResultUniform) continue;
+      for (uint32_t a : p.operands(in)) {
+        const uint32_t s = a & kArgIndex;
+        const Symbol& symbol = p.symbols[s];
+        if (!(a & kArgWritten) || places_[s].varying || symbol.type == SlType::kString) continue;
+        if (symbol.declaredClass && !symbol.isVarying()) continue;  // the source says uniform
+        const bool named = symbol.storage != Storage::kTemp;
+        if (reads || (flags & kOpResultVarying) || (named && inside)) places_[s].varying = changed = true;
+      }
+    }
+  }
+}
+
+void Executable::placeSymbols() {
+  const ShaderProgram& p = *program_;
+  for (const bool locals : {true, false}) {
+    for (uint32_t i = 0; i < p.symbols.size(); ++i) {
+      const Symbol& s = p.symbols[i];
+      if ((s.storage == Storage::kLocal) != locals) continue;
+      if (s.storage == Storage::kGlobal && s.data < globals_.size()) globals_[s.data] = i;
+      uint32_t& counter = s.type == SlType::kString ? strings_ : places_[i].varying ? columns_ : blocks_;
+      places_[i].first = counter;
+      counter += s.type == SlType::kString ? std::max(1u, s.arrayLength) : s.floats();
+    }
+    if (locals) localColumns_ = columns_, localBlocks_ = blocks_;
+  }
+}
+
+void Executable::prepareSteps() {
+  const ShaderProgram& p = *program_;
+  const KernelTable& table = kernels();
+  steps_.resize(p.code.size());
+  uint32_t depth = 0;
+  for (size_t i = 0; i < p.code.size(); ++i) {
+    const Instruction& in = p.code[i];
+    const uint32_t flags = opInfo(in.op).flags;
+    Step& s = steps_[i];
+    s.op = in.op;
+    s.kernel = table.op[size_t(in.op)];
+    s.firstArg = in.firstArg;
+    s.argCount = in.argCount;
+    s.jump = in.jump;
+    s.masked = (flags & kOpMasked) != 0;
+    s.control = (flags & kOpControl) != 0;
+    for (uint32_t a : p.operands(in))
+      if (a & kArgWritten) s.varying |= places_[a & kArgIndex].varying;
+    if (flags & (kOpRandom | kOpRay | kOpTexture)) s.counter = counters_++;
+    if (opensBlock(in.op)) depth_ = std::max(depth_, ++depth);
+    if (closesBlock(in.op) && depth > 0) --depth;
+  }
+}
+
+}  // namespace fr

@@ -1,0 +1,104 @@
+// A running shader: registers, masks, program counter and loop states. On the heap, so that a shader can stop
+// at any ray call.
+#pragma once
+
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "shading/shader_instance.h"
+
+namespace fr {
+
+/// 64-byte aligned floats that only grow.
+class AlignedFloats {
+ public:
+  /// At least n floats; contents are lost when it has to grow. Returns true when the address changed.
+  bool reserve(size_t n) {
+    if (n <= size_) return false;
+    data_.reset(static_cast<float*>(std::aligned_alloc(64, (n * sizeof(float) + 63) / 64 * 64)));
+    if (!data_) std::abort();
+    size_ = n;
+    return true;
+  }
+  float* data() const { return data_.get(); }
+  size_t size() const { return size_; }
+
+ private:
+  struct Free {
+    void operator()(float* p) const { std::free(p); }
+  };
+  std::unique_ptr<float, Free> data_;
+  size_t size_ = 0;
+};
+
+/// An open block of control flow. Masks: `saved` is restored at the end of the block, less the points that
+/// left it for an outer place; `other` depends on the kind.
+struct Control {
+  enum class Kind : uint8_t { kIf, kUniformIf, kLoop, kInline, kLights, kIlluminate, kGather };
+  enum class Phase : uint8_t { kNext, kReturned, kAimed, kShadowed, kBody };
+  Kind kind = Kind::kIf;
+  Phase phase = Phase::kNext;
+  bool anyContinued = false;
+  uint32_t begin = 0;  // index of the first instruction of the block
+  uint32_t turns = 0;
+  int32_t light = -1;    // kLights: index into the task's lights; kGather: sample
+  uint32_t samples = 0;  // kGather
+  int32_t* saved = nullptr;
+  int32_t* other = nullptr;  // kIf: points for the else branch. kLoop: points that continued. kLights,
+                             // kGather: live points
+  int32_t* third = nullptr;  // kLights: points that the light must be run for. kGather: points that hit
+};
+
+class Frame {
+ public:
+  /// Lays registers out for `lanes` points, writes constants and parameter values. Cheap when the frame ran
+  /// the same instance over as many lanes before.
+  void prepare(const ShaderInstance& instance, uint32_t lanes);
+  /// Sets the program counter to the body's first instruction and activates the points of `mask`.
+  void start(const int32_t* mask);
+
+  const ShaderInstance& instance() const { return *instance_; }
+  const Executable& exe() const { return *instance_->exe; }
+  const Operand& symbol(uint32_t index) const { return symbols_[index]; }
+  /// Operand k of a step.
+  const Operand* args(const Step& s) const { return args_.data() + s.firstArg; }
+  std::string_view* strings(uint32_t symbol) { return strings_.data() + exe().place(symbol).first; }
+  /// Register of a global, data == nullptr when the program does not use it.
+  Operand global(GlobalId id) const {
+    const uint32_t s = exe().global(id);
+    return s == kNoIndex ? Operand{} : symbols_[s];
+  }
+  uint32_t lanes() const { return lanes_; }
+
+  Control& push(Control::Kind kind);
+  void pop() { --depth; }
+  Control& top() { return control[depth - 1]; }
+
+  uint32_t pc = 0;
+  uint32_t end = 0;     // runs until here
+  bool active = false;  // any lane of mask set
+  int32_t* mask = nullptr;
+  int32_t* lit = nullptr;  // light: points that an illuminate or solar reached
+  bool solar = false;      // light: the last statement was solar
+  bool finished = false;
+  uint32_t depth = 0;
+  std::vector<Control> control;
+  uint32_t rayPhase = 0;  // of the ray operation at pc: 0 ask, 1 answered
+  uint32_t raySample = 0;
+  uint32_t* counter(uint32_t c) const { return counters_ + size_t(c) * lanes_; }
+
+ private:
+  void layOut();
+  const ShaderInstance* instance_ = nullptr;
+  const Executable* laidOut_ = nullptr;
+  uint32_t lanes_ = 0;
+  AlignedFloats memory_, masks_;
+  uint32_t* counters_ = nullptr;
+  int32_t* blockMasks_ = nullptr;
+  std::vector<Operand> symbols_, args_;
+  std::vector<std::string_view> strings_;
+};
+
+}  // namespace fr

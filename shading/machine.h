@@ -1,0 +1,183 @@
+// The virtual machine: runs shaders over one batch of points, with their lights, up to the next ray call.
+//
+// Knows nothing of the scene cache: points, parameters and lights come in as arrays, everything else is asked
+// from a ShaderHost. Registers, masks and program counters live in Frames, so run() can return at any ray
+// call, also one in a light shader that an illuminance loop in a user function called for.
+#pragma once
+
+#include <deque>
+#include <span>
+
+#include "shading/frame.h"
+#include "shading/ray_query.h"
+
+namespace fr {
+
+/// Neighbours for derivatives: Du(x) at lane i is (x[uHi[i]] - x[uLo[i]]) * uScale[i]; the change over one
+/// cell is that times uCell[i]. One table serves grids, meshlets and hits.
+struct DerivativeStencil {
+  std::vector<uint16_t> uLo, uHi, vLo, vHi;
+  std::vector<float> uScale, vScale, uCell, vCell;
+  void resize(size_t lanes);
+};
+
+/// The points of one run. Arrays hold `lanes` floats (a multiple of kLanePad), belong to the caller, and stay
+/// valid until the run is done.
+struct Batch {
+  uint32_t lanes = 0;
+  uint32_t points = 0;  // lanes [0, points) are asked for; the others are padding or the neighbours of hits
+  uint32_t asking = 0;  // lanes [0, asking) may ask rays; the rest gets a copy of lane i % copyPeriod
+  uint32_t copyPeriod = 0;                         // 0: none
+  const int32_t* mask = nullptr;                   // lanes to run
+  Operand globals[size_t(GlobalId::kCount)] = {};  // data == nullptr: 0
+  const DerivativeStencil* stencil = nullptr;      // nullptr: derivatives are 0
+  float orientation = 1.0f;                        // calculatenormal() is (Du ^ Dv) times this
+  const uint64_t* seed = nullptr;                  // per lane
+  uint64_t batchSeed = 0;
+  uint32_t level = 0;  // raylevel()
+  bool shadowRay = false;
+  bool raysAllowed = true;  // false: every ray misses, with one warning (displacement, imager)
+  std::string_view rayLabel;
+  uint32_t attributes = kNoIndex;
+  const uint16_t* object = nullptr;  // per lane: index into objects; nullptr: all objects[0]
+  std::span<const uint32_t> objects;
+  // Where rays start, per lane; nullptr: nowhere in particular. Ng in current space, unit.
+  Operand rayNormal;
+  Operand footprint;  // radius of a point's surroundings; no data: from P's derivatives
+  Operand spread;     // growth of the footprint per unit of distance
+  struct Override {   // primitive variable that overrides a surface parameter
+    uint32_t parameter;
+    Operand values;
+  };
+  std::span<const Override> overrides;
+};
+
+/// Rays that a run waits for: current space, one element a ray.
+struct PendingRays {
+  RayKind kind = RayKind::kTrace;
+  uint32_t count = 0;
+  uint32_t lane[kMaxRays];
+  float origin[3][kMaxRays], direction[3][kMaxRays];
+  float radius[kMaxRays], spread[kMaxRays];
+  uint64_t seed[kMaxRays];
+  bool onSurface[kMaxRays];  // starts at the lane's own point: its patch and normal go with the ray
+  bool single = false;       // one ray stands for all points: its operands were uniform
+  // Answers, written by the owner before run() is called again.
+  float color[3][kMaxRays];
+  float hitDistance[kMaxRays], missDepth[kMaxRays];
+  float hitP[3][kMaxRays], hitN[3][kMaxRays], missP[3][kMaxRays], missR[3][kMaxRays];
+  /// The answers of an empty scene.
+  void missAll();
+};
+
+struct MachineStatistics {
+  uint64_t steps = 0, lanesActive = 0, lanesTotal = 0, lightPoints = 0;
+};
+
+class Machine {
+ public:
+  enum class Status { kDone, kNeedsRays };
+  explicit Machine(const ShaderHost& host);
+  ~Machine();
+  Machine(const Machine&) = delete;
+  Machine& operator=(const Machine&) = delete;
+
+  /// Starts `shader` with `lights` (may be empty); both stay alive until done. `messages`: the other shaders
+  /// of the same primitive, for displacement() and atmosphere() and surface(); nullptr where there is none.
+  struct Partners {
+    const ShaderInstance* surface = nullptr;
+    const ShaderInstance* displacement = nullptr;
+    const ShaderInstance* atmosphere = nullptr;
+    const ShaderInstance* interior = nullptr;
+    const ShaderInstance* exterior = nullptr;
+  };
+  void begin(const Batch& batch, const ShaderInstance& shader, std::span<const ShaderInstance* const> lights,
+             const Partners& partners);
+  Status run();
+  PendingRays& rays() { return *rays_; }
+  const PendingRays& rays() const { return *rays_; }
+  /// Register of a global or parameter of the shader that was begun; data == nullptr if there is none.
+  Operand result(GlobalId id) const { return main_.global(id); }
+  Operand result(std::string_view name) const;
+  MachineStatistics& statistics() { return statistics_; }
+
+  /// Runs a parameter's default-value code at binding; reads values set so far, returns the new one.
+  void beginDefaults(const ShaderInstance& shader);
+  ShaderValue runDefault(const Parameter& p);
+
+ private:
+  struct LightState;
+  enum class Next { kGo, kCall, kSuspend };
+
+  // machine.cpp
+  Next execute(Frame& f);
+  Next control(Frame& f, const Step& s);
+  void leave(Frame& f, uint32_t outermost);
+  bool any(const int32_t* m) const;
+  void setGlobals(Frame& f);
+  // machine_light.cpp
+  Next lightTurn(Frame& f);
+  void beginLight(LightState& l);
+  void collectLight(LightState& l, const int32_t* need);
+  bool prepareShadowRays(Frame& f, Control& c, LightState& l);
+  void applyShadowRays(Control& c, LightState& l);
+  bool matchesCategory(const LightState& l, std::string_view category) const;
+  void emit(Frame& f, const Step& s);
+  // machine_ray.cpp
+  Next rayOp(Frame& f, const Step& s);
+  Next gatherTurn(Frame& f);
+  struct Question;
+  bool ask(const Question& q);
+  void computeFootprints();
+  void accumulate(const Question& q, const int32_t* mask, float maxDistance, float falloff);
+  void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
+  const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
+  std::string_view optionString(Frame& f, const Step& s, uint32_t fixed, std::string_view name);
+  float optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name,
+                    float fallback) const;
+  // machine_call.cpp: everything without a kernel
+  void call(Frame& f, const Step& s);
+  void stringOp(Frame& f, const Step& s);
+  void message(Frame& f, const Step& s);
+  void transformOp(Frame& f, const Step& s);
+  bool space(const Frame& f, std::string_view name, uint32_t object, DMat4& toCurrent) const;
+  void derivativeOp(Frame& f, const Step& s);
+  void randomOp(Frame& f, const Step& s);
+  void splineOp(Frame& f, const Step& s);
+  void arrayOp(Frame& f, const Step& s);
+  void textureOp(Frame& f, const Step& s);
+  void formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out);
+  bool writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v);
+  bool copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& from, std::string_view name);
+  bool copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
+                    std::string_view name);
+  void setFloat(const Frame& f, const Operand& out, float value);
+  std::string_view keep(std::string text);
+
+  // Operand k of a step, as symbol index.
+  static uint32_t symbolOf(const Frame& f, const Step& s, uint32_t k) {
+    return f.exe().program().args[s.firstArg + k] & kArgIndex;
+  }
+  static bool isWritten(const Frame& f, const Step& s, uint32_t k) {
+    return (f.exe().program().args[s.firstArg + k] & kArgWritten) != 0;
+  }
+  static std::string_view text(Frame& f, const Step& s, uint32_t k) {
+    return f.strings(symbolOf(f, s, k))[0];
+  }
+
+  const ShaderHost& host_;
+  Batch batch_;
+  Partners partners_;
+  Frame main_;
+  std::vector<std::unique_ptr<LightState>> lights_;
+  uint32_t lightCount_ = 0;
+  std::vector<Frame*> stack_;
+  std::unique_ptr<PendingRays> rays_;
+  AlignedFloats scratch_, footprints_;
+  bool footprintsKnown_ = false;
+  std::deque<std::string> texts_;
+  AlignedFloats accumulator_;  // of ray operations with several samples: color, weight
+  MachineStatistics statistics_;
+};
+
+}  // namespace fr

@@ -1,0 +1,275 @@
+// The light loop: illuminance, ambient, illuminate and solar.
+#include "shading/machine_light.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "base/error.h"
+#include "base/random.h"
+#include "shading/machine_ray.h"
+
+namespace fr {
+
+namespace {
+Operand maskOperand(int32_t* m, uint32_t lanes) { return {reinterpret_cast<float*>(m), lanes, ~0u}; }
+void runHelper(Helper h, std::initializer_list<Operand> args, uint32_t lanes, const int32_t* mask = nullptr) {
+  KernelCall c;
+  c.arg = args.begin(), c.argCount = uint32_t(args.size()), c.lanes = lanes, c.mask = mask;
+  kernels().helper[size_t(h)](c);
+}
+bool listed(std::string_view list, std::string_view word) {
+  while (!list.empty()) {
+    const size_t comma = std::min(list.find(','), list.size());
+    std::string_view item = list.substr(0, comma);
+    while (!item.empty() && item.front() == ' ') item.remove_prefix(1);
+    while (!item.empty() && item.back() == ' ') item.remove_suffix(1);
+    if (item == word) return true;
+    list.remove_prefix(std::min(comma + 1, list.size()));
+  }
+  return false;
+}
+}  // namespace
+
+bool Machine::matchesCategory(const LightState& l, std::string_view category) const {
+  if (category.empty()) return true;
+  if (category[0] == '-') return !listed(l.category, category.substr(1));
+  return listed(l.category, category);
+}
+
+void Machine::beginLight(LightState& l) {
+  const uint32_t n = batch_.lanes;
+  l.begun = true;
+  l.ambient = l.instance->exe->has(kProgramAmbientLight);
+  const ShaderProgram& p = l.instance->program();
+  l.readsNormal = (p.readsGlobals & (globalBit(GlobalId::k_N) | globalBit(GlobalId::k_Ns))) != 0;
+  const ShaderValue* category = l.instance->parameter("__category");
+  l.category =
+      category && !category->strings.empty() ? std::string_view(category->strings[0]) : std::string_view();
+  l.memory.reserve(size_t(n) * 19);
+  float* at = l.memory.data();
+  for (Operand* o : {&l.Ps, &l.N, &l.L, &l.Cl, &l.Ol}) *o = Operand{at, n, ~0u}, at += 3 * n;
+  for (int32_t** m : {&l.evaluated, &l.lit, &l.shadowed, &l.scratch})
+    *m = reinterpret_cast<int32_t*>(at), at += n;
+  std::memset(l.memory.data(), 0, size_t(n) * 19 * sizeof(float));
+  l.frame.prepare(*l.instance, n);
+  setGlobals(l.frame);
+  // P is the light's own origin.
+  const Operand P = l.frame.global(GlobalId::k_P);
+  if (P.data) {
+    const Vec3 origin = transformPoint(Mat4(l.instance->toCurrent), Vec3(0));
+    for (int c = 0; c < 3; ++c) std::fill_n(P.comp(uint32_t(c)), P.varying() ? n : kLanePad, origin[c]);
+  }
+}
+
+/// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
+void Machine::emit(Frame& f, const Step& s) {
+  const uint32_t n = f.lanes();
+  const Operand mask = maskOperand(f.mask, n), lit = maskOperand(f.lit, n);
+  const Operand* a = f.args(s);
+  scratch_.reserve(size_t(n) * 8);
+  const Operand direction{scratch_.data(), n, ~0u};
+  KernelCall c;
+  c.lanes = n;
+  if (s.op == Op::illuminate_begin || s.op == Op::illuminate_cone_begin) {
+    runHelper(Helper::subTriple, {direction, f.global(GlobalId::k_Ps), a[0]}, n);
+    f.solar = false;
+    if (s.op == Op::illuminate_cone_begin)
+      runHelper(Helper::maskCone, {mask, mask, direction, a[1], a[2]}, n);
+  } else {
+    f.solar = true;
+    if (s.op == Op::solar_cone_begin) {
+      const Operand args[] = {direction, a[0]};
+      c.arg = args, c.argCount = 2;
+      kernels().op[size_t(Op::normalize)](c);
+    } else {
+      // Light from everywhere arrives along the surface normal.
+      const Operand N = f.global(GlobalId::k_N);
+      const Operand args[] = {direction, N};
+      c.arg = args, c.argCount = 2;
+      if (N.data)
+        kernels().op[size_t(Op::neg_t)](c);
+      else
+        std::memset(direction.data, 0, size_t(n) * 3 * sizeof(float));
+    }
+  }
+  const Operand L = f.global(GlobalId::k_L);
+  if (L.data) runHelper(Helper::assignTripleMasked, {L, direction}, n, f.mask);
+  runHelper(Helper::maskOr, {lit, lit, mask}, n);
+  for (auto& l : lights_)
+    if (&l->frame == &f) runHelper(Helper::assignTripleMasked, {l->L, direction}, n, f.mask);
+}
+
+/// The light's frame has finished for the points of `need`: takes its results over.
+void Machine::collectLight(LightState& l, const int32_t* need) {
+  const uint32_t n = batch_.lanes;
+  const Operand needed = maskOperand(const_cast<int32_t*>(need), n);
+  const Operand evaluated = maskOperand(l.evaluated, n), lit = maskOperand(l.lit, n);
+  const Operand Cl = l.frame.global(GlobalId::k_Cl), Ol = l.frame.global(GlobalId::k_Ol);
+  if (Cl.data) runHelper(Helper::assignTripleMasked, {l.Cl, Cl}, n, need);
+  if (Ol.data) {
+    runHelper(Helper::assignTripleMasked, {l.Ol, Ol}, n, need);
+  } else {
+    for (uint32_t c = 0; c < 3; ++c) std::fill_n(l.Ol.comp(c), n, 1.0f);
+  }
+  for (uint32_t i = 0; i < n; ++i) l.lit[i] = need[i] ? l.frame.lit[i] : l.lit[i];
+  runHelper(Helper::maskAndNot, {maskOperand(l.shadowed, n), maskOperand(l.shadowed, n), needed}, n);
+  runHelper(Helper::maskOr, {evaluated, evaluated, needed}, n);
+  (void)lit;
+}
+
+/// Rays from the points that the loop's body would run for and whose shadow is not known yet. False: none.
+bool Machine::prepareShadowRays(Frame& f, Control& c, LightState& l) {
+  const uint32_t n = batch_.lanes;
+  const Operand want = maskOperand(c.third, n);
+  runHelper(Helper::maskAndNot, {want, maskOperand(f.mask, n), maskOperand(l.shadowed, n)}, n);
+  runHelper(Helper::maskNonBlack, {want, want, l.Cl}, n);
+  const Operand shadowed = maskOperand(l.shadowed, n);
+  runHelper(Helper::maskOr, {shadowed, shadowed, maskOperand(f.mask, n)}, n);
+  if (!any(c.third)) return false;
+  // Towards the light: back along L; distant lights out of the scene.
+  scratch_.reserve(size_t(n) * 8);
+  const Operand direction{scratch_.data(), n, ~0u};
+  const float far = host_.sceneDiameter();
+  for (uint32_t i = 0; i < n; ++i) {
+    const Vec3 d(l.L.at(i, 0), l.L.at(i, 1), l.L.at(i, 2));
+    const float length = glm::length(d);
+    const float scale = !l.frame.solar ? -1.0f : length > 0 ? -far / length : 0.0f;
+    for (uint32_t k = 0; k < 3; ++k) direction.comp(k)[i] = d[int(k)] * scale;
+  }
+  Question q;
+  q.kind = RayKind::kVisibility;
+  q.from = l.Ps;
+  q.direction = direction;
+  q.mask = c.third;
+  q.site = hashStep(0x11647, uint64_t(c.light));
+  return ask(q);
+}
+
+void Machine::applyShadowRays(Control& c, LightState& l) {
+  const uint32_t n = batch_.lanes;
+  scratch_.reserve(size_t(n) * 8);
+  const Operand seen{scratch_.data(), n, ~0u};
+  answer(seen, 3, rays_->color, c.third);
+  for (uint32_t k = 0; k < 3; ++k)
+    for (uint32_t i = 0; i < n; ++i)
+      if (c.third[i]) l.Cl.comp(k)[i] *= seen.comp(k)[i];
+}
+
+/// Goes on with a light loop: the next light, run if need be, its shadow rays, then the body. Sets the
+/// program counter.
+Machine::Next Machine::lightTurn(Frame& f) {
+  Control& c = f.top();
+  const Step& s = f.exe().steps()[c.begin];
+  const uint32_t n = f.lanes();
+  const size_t bytes = n * sizeof(int32_t);
+  const bool ambient = s.op == Op::ambient_begin;
+  const Operand* a = f.args(s);
+  const Operand P = ambient ? a[0] : a[1];
+  const Operand mask = maskOperand(f.mask, n), other = maskOperand(c.other, n),
+                third = maskOperand(c.third, n);
+  for (;;) {
+    switch (c.phase) {
+      case Control::Phase::kNext: {
+        const std::string_view category = ambient ? std::string_view() : text(f, s, 0);
+        for (++c.light; c.light < int32_t(lightCount_); ++c.light) {
+          LightState& candidate = *lights_[size_t(c.light)];
+          if (!candidate.begun) beginLight(candidate);
+          // A light that is running cannot light itself.
+          if (&candidate.frame != &f && candidate.ambient == ambient && matchesCategory(candidate, category))
+            break;
+        }
+        if (c.light >= int32_t(lightCount_) || !any(c.other)) {
+          std::memcpy(f.mask, c.saved, bytes);
+          f.active = any(f.mask);
+          f.pop();
+          f.pc = s.jump + 1;
+          return Next::kGo;
+        }
+        LightState& l = *lights_[size_t(c.light)];
+        // Points whose position (or normal, where the light reads it) has changed are forgotten.
+        const Operand N = f.global(GlobalId::k_N);
+        const Operand changed = maskOperand(l.scratch, n), evaluated = maskOperand(l.evaluated, n);
+        runHelper(Helper::maskDifferent, {changed, l.Ps, P}, n);
+        runHelper(Helper::maskAndNot, {evaluated, evaluated, changed}, n);
+        if (l.readsNormal && N.data) {
+          runHelper(Helper::maskDifferent, {changed, l.N, N}, n);
+          runHelper(Helper::maskAndNot, {evaluated, evaluated, changed}, n);
+        }
+        runHelper(Helper::maskAndNot, {third, other, evaluated}, n);
+        c.phase = Control::Phase::kAimed;
+        if (any(c.third)) {
+          c.phase = Control::Phase::kReturned;
+          runHelper(Helper::assignTripleMasked, {l.Ps, P}, n, c.third);
+          if (N.data) runHelper(Helper::assignTripleMasked, {l.N, N}, n, c.third);
+          const Operand Ps = l.frame.global(GlobalId::k_Ps);
+          if (Ps.data) runHelper(Helper::assignTripleMasked, {Ps, l.Ps}, n, c.third);
+          for (GlobalId g : {GlobalId::k_N, GlobalId::k_Ns}) {
+            const Operand o = l.frame.global(g);
+            if (o.data && N.data) runHelper(Helper::assignTripleMasked, {o, l.N}, n, c.third);
+          }
+          // Unless the light says otherwise it is black and opaque.
+          for (GlobalId g : {GlobalId::k_Cl, GlobalId::k_Ol}) {
+            const Operand o = l.frame.global(g);
+            const uint32_t lanes = o.varying() ? n : kLanePad;
+            if (o.data)
+              for (uint32_t k = 0; k < 3; ++k)
+                std::fill_n(o.comp(k), lanes, g == GlobalId::k_Cl ? 0.0f : 1.0f);
+          }
+          std::memset(l.frame.lit, 0, bytes);
+          l.frame.start(c.third);
+          for (uint32_t i = 0; i < n; ++i) statistics_.lightPoints += uint32_t(-c.third[i]);
+          stack_.push_back(&l.frame);
+          return Next::kCall;
+        }
+        break;
+      }
+      case Control::Phase::kReturned:
+        collectLight(*lights_[size_t(c.light)], c.third);
+        c.phase = Control::Phase::kAimed;
+        break;
+      case Control::Phase::kAimed: {
+        LightState& l = *lights_[size_t(c.light)];
+        std::memcpy(f.mask, c.other, bytes);
+        if (!ambient) {
+          runHelper(Helper::maskAnd, {mask, mask, maskOperand(l.lit, n)}, n);
+          if (s.op == Op::illuminance_cone_begin) {
+            scratch_.reserve(size_t(n) * 8);
+            const Operand toLight{scratch_.data(), n, ~0u};
+            KernelCall k;
+            const Operand args[] = {toLight, l.L};
+            k.arg = args, k.argCount = 2, k.lanes = n;
+            kernels().op[size_t(Op::neg_t)](k);
+            runHelper(Helper::maskCone, {mask, mask, toLight, a[2], a[3]}, n);
+          }
+        }
+        c.phase = Control::Phase::kBody;
+        if (l.instance->shadows && !ambient && any(f.mask) && prepareShadowRays(f, c, l)) {
+          c.phase = Control::Phase::kShadowed;
+          return Next::kSuspend;
+        }
+        break;
+      }
+      case Control::Phase::kShadowed:
+        applyShadowRays(c, *lights_[size_t(c.light)]);
+        c.phase = Control::Phase::kBody;
+        break;
+      case Control::Phase::kBody: {
+        LightState& l = *lights_[size_t(c.light)];
+        f.active = any(f.mask);
+        if (!f.active) {
+          c.phase = Control::Phase::kNext;
+          break;
+        }
+        const Operand L = f.global(GlobalId::k_L), Cl = f.global(GlobalId::k_Cl),
+                      Ol = f.global(GlobalId::k_Ol);
+        if (L.data && !ambient) runHelper(Helper::negateMasked, {L, l.L}, n, f.mask);
+        if (Cl.data) runHelper(Helper::assignTripleMasked, {Cl, l.Cl}, n, f.mask);
+        if (Ol.data) runHelper(Helper::assignTripleMasked, {Ol, l.Ol}, n, f.mask);
+        f.pc = c.begin + 1;
+        return Next::kGo;
+      }
+    }
+  }
+}
+
+}  // namespace fr

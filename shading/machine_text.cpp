@@ -1,0 +1,291 @@
+// Strings, message passing, and calls for files that are not available.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <regex>
+
+#include "base/error.h"
+#include "shading/machine_light.h"
+
+namespace fr {
+
+std::string_view Machine::keep(std::string s) {
+  texts_.push_back(std::move(s));
+  return texts_.back();
+}
+
+/// printf's format with the operands from `first` on, for one point.
+void Machine::formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out) {
+  const std::string_view pattern = text(f, s, first);
+  uint32_t next = first + 1;
+  const ShaderProgram& p = f.exe().program();
+  for (size_t i = 0; i < pattern.size(); ++i) {
+    if (pattern[i] != '%' || i + 1 >= pattern.size()) {
+      out += pattern[i];
+      continue;
+    }
+    // Width and precision are accepted and ignored.
+    size_t k = i + 1;
+    while (k < pattern.size() && (std::isdigit(static_cast<unsigned char>(pattern[k])) || pattern[k] == '.' ||
+                                  pattern[k] == '-' || pattern[k] == '+'))
+      ++k;
+    const char type = k < pattern.size() ? pattern[k] : '%';
+    i = k;
+    if (type == '%') {
+      out += '%';
+      continue;
+    }
+    if (next >= s.argCount) {
+      out += "?";
+      continue;
+    }
+    const uint32_t symbol = symbolOf(f, s, next);
+    const Operand& o = f.args(s)[next];
+    const Symbol& sym = p.symbols[symbol];
+    ++next;
+    if (sym.type == SlType::kString) {
+      out += f.strings(symbol)[0];
+    } else if (type == 'd') {
+      out += fmt::format("{}", int64_t(std::clamp(o.at(lane), -9e15f, 9e15f)));
+    } else {
+      const uint32_t count = slTypeFloats(sym.type);
+      for (uint32_t c = 0; c < count; ++c) out += fmt::format("{}{:g}", c ? " " : "", o.at(lane, c));
+    }
+  }
+}
+
+void Machine::stringOp(Frame& f, const Step& s) {
+  const Operand* a = f.args(s);
+  uint32_t lane = 0;
+  while (lane + 1 < f.lanes() && !f.mask[lane]) ++lane;
+  switch (s.op) {
+    case Op::eq_s:
+      setFloat(f, a[0], text(f, s, 1) == text(f, s, 2) ? 1.0f : 0.0f);
+      break;
+    case Op::ne_s:
+      setFloat(f, a[0], text(f, s, 1) != text(f, s, 2) ? 1.0f : 0.0f);
+      break;
+    case Op::select_s:
+      f.strings(symbolOf(f, s, 0))[0] = text(f, s, a[1].at(lane) != 0.0f ? 2 : 3);
+      break;
+    case Op::concat: {
+      std::string r;
+      for (uint32_t k = 1; k < s.argCount; ++k) r += text(f, s, k);
+      f.strings(symbolOf(f, s, 0))[0] = keep(std::move(r));
+      break;
+    }
+    case Op::format: {
+      std::string r;
+      formatText(f, s, 1, lane, r);
+      f.strings(symbolOf(f, s, 0))[0] = keep(std::move(r));
+      break;
+    }
+    case Op::printf: {
+      // Uniform values: once. Otherwise once for every point.
+      bool varying = false;
+      for (uint32_t k = 1; k < s.argCount; ++k) varying |= a[k].data && a[k].varying();
+      for (uint32_t i = 0; i < std::max(1u, batch_.points); ++i) {
+        if (i >= f.lanes() || !f.mask[i]) continue;
+        std::string r;
+        formatText(f, s, 0, i, r);
+        host_.print(r);
+        if (!varying) break;
+      }
+      break;
+    }
+    case Op::match: {
+      bool found = false;
+      try {
+        const std::string_view subject = text(f, s, 2);
+        found = std::regex_search(subject.begin(), subject.end(),
+                                  std::regex(std::string(text(f, s, 1)), std::regex::extended));
+      } catch (const std::exception&) {
+        reportOnce("shading.match." + std::string(text(f, s, 1)),
+                   Error{RiError::kSyntax,
+                         Severity::kWarning,
+                         {},
+                         fmt::format("match(): bad pattern \"{}\"", text(f, s, 1))});
+      }
+      setFloat(f, a[0], found ? 1.0f : 0.0f);
+      break;
+    }
+    case Op::shadername:
+      f.strings(symbolOf(f, s, 0))[0] = f.exe().program().name;
+      break;
+    case Op::shadername_s: {
+      const std::string_view type = text(f, s, 1);
+      const ShaderInstance* i = type == "surface"        ? partners_.surface
+                                : type == "displacement" ? partners_.displacement
+                                : type == "atmosphere"   ? partners_.atmosphere
+                                                         : nullptr;
+      f.strings(symbolOf(f, s, 0))[0] = i ? std::string_view(i->program().name) : std::string_view();
+      break;
+    }
+    default:
+      break;
+  }
+}
+
+namespace {
+bool sameKind(SlType a, SlType b) { return a == b || (isTriple(a) && isTriple(b)); }
+}  // namespace
+
+/// Writes a value into operand `arg` (a symbol) for active points. False: types or lengths differ.
+bool Machine::writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v) {
+  const Symbol& symbol = f.exe().program().symbols[arg];
+  if (!sameKind(symbol.type, v.type) || std::max(1u, symbol.arrayLength) > std::max(1u, v.arrayLength))
+    return false;
+  if (symbol.type == SlType::kString) {
+    const uint32_t count = std::max(1u, symbol.arrayLength);
+    if (v.strings.size() < count) return false;
+    for (uint32_t k = 0; k < count; ++k) f.strings(arg)[k] = keep(v.strings[k]);
+    return true;
+  }
+  if (v.floats.size() < symbol.floats()) return false;
+  for (uint32_t c = 0; c < symbol.floats(); ++c)
+    setFloat(f, Operand{out.comp(c), out.component, out.indexMask}, v.floats[c]);
+  return true;
+}
+
+/// Reads a parameter of a shader that runs in this batch, with what it has written by now.
+bool Machine::copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& from, std::string_view name) {
+  const ShaderProgram& p = from.exe().program();
+  const uint32_t index = p.findParameter(name);
+  if (index == kNoIndex) return false;
+  const uint32_t source = p.parameters[index].symbol;
+  const Symbol& symbol = f.exe().program().symbols[arg];
+  if (!sameKind(symbol.type, p.symbols[source].type) || symbol.arrayLength != p.symbols[source].arrayLength)
+    return false;
+  if (symbol.type == SlType::kString) {
+    for (uint32_t k = 0; k < std::max(1u, symbol.arrayLength); ++k)
+      f.strings(arg)[k] = from.strings(source)[k];
+    return true;
+  }
+  const Operand& in = from.symbol(source);
+  if (in.varying() && !out.varying()) return false;  // a value per point does not fit
+  const uint32_t n = out.varying() ? f.lanes() : kLanePad;
+  for (uint32_t c = 0; c < symbol.floats(); ++c)
+    for (uint32_t i = 0; i < n; ++i)
+      if (!out.varying() || f.mask[i]) out.comp(c)[i] = in.at(i, c);
+  return true;
+}
+
+bool Machine::copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
+                           std::string_view name) {
+  const ShaderValue* v = from ? from->parameter(name) : nullptr;
+  return v && writeValue(f, arg, out, *v);
+}
+
+void Machine::message(Frame& f, const Step& s) {
+  const Operand* a = f.args(s);  // found, name, value
+  const std::string_view name = text(f, s, 1);
+  const uint32_t arg = symbolOf(f, s, 2);
+  const Operand& out = a[2];
+  ShaderValue v;
+  bool found = false;
+  switch (s.op) {
+    case Op::msg_surface:
+      if (partners_.surface && &main_.instance() == partners_.surface)
+        found = copyRegister(f, arg, out, main_, name);
+      else
+        found = copyInstance(f, arg, out, partners_.surface, name);
+      break;
+    case Op::msg_displacement:
+      found = copyInstance(f, arg, out, partners_.displacement, name);
+      break;
+    case Op::msg_atmosphere:
+      found = copyInstance(f, arg, out, partners_.atmosphere, name);
+      break;
+    case Op::msg_incident:
+      found = copyInstance(f, arg, out, partners_.exterior, name);
+      break;
+    case Op::msg_opposite:
+      found = copyInstance(f, arg, out, partners_.interior, name);
+      break;
+    case Op::msg_lightsource:
+      for (uint32_t k = f.depth; k-- > 0;) {
+        const Control& c = f.control[k];
+        if (c.kind != Control::Kind::kLights || c.light < 0 || c.light >= int32_t(lightCount_)) continue;
+        found = copyRegister(f, arg, out, lights_[size_t(c.light)]->frame, name);
+        break;
+      }
+      break;
+    case Op::get_attribute:
+      found = host_.attribute(name, batch_.attributes, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_option:
+      found = host_.option(name, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_rendererinfo:
+      found = host_.rendererInfo(name, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_rayinfo: {
+      if (name == "type") {
+        v.type = SlType::kString;
+        v.strings = {batch_.shadowRay ? "transmission" : batch_.level == 0 ? "camera" : "specular"};
+      } else if (name == "depth" || name == "speculardepth") {
+        v.floats = {float(batch_.level)};
+      } else if (name == "diffusedepth" || name == "shadowdepth") {
+        v.floats = {name == "shadowdepth" && batch_.shadowRay ? 1.0f : 0.0f};
+      } else if (name == "label") {
+        v.type = SlType::kString;
+        v.strings = {std::string(batch_.rayLabel)};
+      } else {
+        // origin, direction and length follow from P and I.
+        const Operand I = batch_.globals[size_t(GlobalId::k_I)], P = batch_.globals[size_t(GlobalId::k_P)];
+        const SlType type = f.exe().program().symbols[arg].type;
+        const uint32_t n = out.varying() ? f.lanes() : 1;
+        const bool scalar = name == "length" && type == SlType::kFloat;
+        const bool triple = (name == "origin" || name == "direction") && isTriple(type);
+        if (!I.data || !P.data || (!scalar && !triple) || !out.varying()) break;
+        for (uint32_t i = 0; i < n; ++i) {
+          if (!f.mask[i]) continue;
+          const Vec3 d(I.at(i, 0), I.at(i, 1), I.at(i, 2));
+          const float length = glm::length(d);
+          if (scalar) out.data[i] = length;
+          for (uint32_t c = 0; triple && c < 3; ++c)
+            out.comp(c)[i] = name == "origin" ? P.at(i, c) - d[int(c)]
+                             : length > 0     ? d[int(c)] / length
+                                              : 0.0f;
+        }
+        found = true;
+        break;
+      }
+      found = writeValue(f, arg, out, v);
+      break;
+    }
+    default:
+      break;
+  }
+  setFloat(f, a[0], found ? 1.0f : 0.0f);
+}
+
+/// Without a texture system every file-based call gives a neutral value, and says so once.
+void Machine::textureOp(Frame& f, const Step& s) {
+  const ShaderProgram& p = f.exe().program();
+  host_.textureCallUnavailable(opInfo(s.op).name);
+  float value = 0.0f;
+  switch (s.op) {
+    case Op::texture_f:
+    case Op::texture_t:
+    case Op::texture4_f:
+    case Op::texture4_t:
+      value = 1.0f;
+      break;
+    default:
+      break;  // environment: black. shadow: lit
+  }
+  if (s.argCount == 0 || !isWritten(f, s, 0)) return;
+  const uint32_t symbol = symbolOf(f, s, 0);
+  const Operand& out = f.args(s)[0];
+  if (s.op == Op::bump) {
+    const Operand& N = f.args(s)[2];
+    for (uint32_t c = 0; c < 3; ++c)
+      for (uint32_t i = 0; i < (out.varying() ? f.lanes() : kLanePad); ++i) out.comp(c)[i] = N.at(i, c);
+    return;
+  }
+  for (uint32_t c = 0; c < slTypeFloats(p.symbols[symbol].type); ++c)
+    setFloat(f, Operand{out.comp(c), out.component, out.indexMask}, s.op == Op::textureinfo ? 0.0f : value);
+}
+
+}  // namespace fr
