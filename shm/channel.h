@@ -36,11 +36,11 @@ enum class BlockStatus {
 class ClientChannel {
  public:
   struct Options {
-    ChannelConfig config;
-    WaitPolicy wait;
+    ChannelConfig config = {};
+    WaitPolicy wait = {};
     /// False when the server is known to be dead. Called at most once per wait.recheck. Empty: never known to
     /// be dead.
-    std::function<bool()> serverAlive;
+    std::function<bool()> serverAlive = {};
   };
   /// `board`: the server's. Send share() to the server (ChannelServer::add). Errors: kRange, kNoMem.
   static Result<ClientChannel> create(std::shared_ptr<ServerBoard> board, Options options);

@@ -13,8 +13,9 @@ class ServerChannel {
  public:
   /// What we know of a block.
   struct Block {
-    std::atomic<bool> running{false};  // between taking it out of the ring and complete()
-    uint64_t use = 0;                  // of the last submission taken; written by the holder of `claim`
+    std::atomic<uint64_t> running{
+        0};            // the submission between taking it out of the ring and complete(), 0 = none
+    uint64_t use = 0;  // of the last submission taken; belongs to the holder of `claim`
   };
 
   ServerChannel(uint64_t channelId, void* userData, ChannelMemory m, std::function<bool()> alive)
@@ -73,9 +74,14 @@ class Claim {
   const bool held_;
 };
 
+struct Taken {
+  uint32_t index;
+  uint64_t use;
+};
+
 /// Takes the next block out of the ring. Nothing: none there, or another thread is at it. Sets `bad` when the
 /// client has written something impossible.
-std::optional<uint32_t> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
+std::optional<Taken> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
   ChannelControl& c = ch.memory.control();
   // SYNC POINT 3: pairs with the client's seq_cst store of tail in ClientChannel::submit.
   if (c.tail.value.load(std::memory_order_seq_cst) == ch.head.load(std::memory_order_relaxed))
@@ -97,7 +103,7 @@ std::optional<uint32_t> takeBlock(ServerChannel& ch, std::optional<Error>& bad) 
   ServerChannel::Block& block = ch.blocks[index];
   const uint64_t state = ch.memory.state(index).load(std::memory_order_relaxed);
   const uint64_t use = state >> kPhaseBits;
-  if (block.running.load(std::memory_order_acquire)) {
+  if (block.running.load(std::memory_order_acquire) != 0) {
     bad = makeError(RiError::kConsistency, "it has submitted block {} twice", index);
     return std::nullopt;
   }
@@ -106,12 +112,12 @@ std::optional<uint32_t> takeBlock(ServerChannel& ch, std::optional<Error>& bad) 
     return std::nullopt;
   }
   block.use = use;
-  block.running.store(true, std::memory_order_relaxed);  // ordered by SYNC POINT 8
+  block.running.store(use, std::memory_order_relaxed);  // ordered by SYNC POINT 8
   ch.memory.state(index).store(blockState(use, BlockPhase::kRunning),
                                std::memory_order_relaxed);  // for observers
   ch.head.store(head + 1, std::memory_order_seq_cst);
   c.head.value.store(head + 1, std::memory_order_relaxed);  // for observers
-  return index;
+  return Taken{index, use};
 }
 
 }  // namespace
@@ -197,9 +203,11 @@ void ChannelServer::complete(const ServedBlock& served, bool ok) {
   if (!served.channel || served.index >= served.channel->blocks.size()) return;
   ServerChannel& ch = *served.channel;
   ServerChannel::Block& block = ch.blocks[served.index];
-  const uint64_t use = block.use;  // ours while it runs
-  // First this, then the state: once the client sees the answer it may submit the block again.
-  if (!block.running.exchange(false, std::memory_order_acq_rel)) return;
+  // First this, then the state: once the client sees the answer it may submit the block again. Acquire and
+  // release: what one holder of the block did happens before the next one starts, even if the client does not
+  // keep to the order.
+  uint64_t use = served.use;
+  if (use == 0 || !block.running.compare_exchange_strong(use, 0, std::memory_order_acq_rel)) return;
   // SYNC POINT 4: publishes the answer; pairs with the seq_cst load in ClientChannel::look. seq_cst rather
   // than release for the doorbell (SYNC POINT 1).
   ch.memory.state(served.index)
@@ -244,8 +252,9 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
   }
 
   if (!bad) {
-    if (const std::optional<uint32_t> index = takeBlock(ch, bad)) {
-      const ServedBlock block{ch.id, ch.user, *index, ch.memory.block(*index), channel};
+    if (const std::optional<Taken> taken = takeBlock(ch, bad)) {
+      const ServedBlock block{ch.id,  ch.user, taken->index, taken->use, ch.memory.block(taken->index),
+                              channel};
       const Served result = handler_.serveBlock(block);
       if (result != Served::kDeferred) complete(block, result == Served::kDone);
       ++served;

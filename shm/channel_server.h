@@ -21,6 +21,7 @@ struct ServedBlock {
   uint64_t channelId = 0;
   void* user = nullptr;  // what was given to add()
   uint32_t index = 0;
+  uint64_t use = 0;            // which submission of that block this is
   std::span<std::byte> bytes;  // the client's memory: it may change while you read. Copy what you check.
   std::shared_ptr<ServerChannel> channel;
 };
@@ -58,7 +59,7 @@ class ChannelHandler {
 class ChannelServer {
  public:
   struct Options {
-    WaitPolicy wait;
+    WaitPolicy wait = {};
   };
   static Result<std::unique_ptr<ChannelServer>> create(ChannelHandler& handler, Options options);
   /// REQUIRES: no thread in run(). Tells all clients that the server has left.
@@ -83,7 +84,7 @@ class ChannelServer {
   /// often.
   void stop();
 
-  /// Ends a deferred block.
+  /// Ends a deferred block. A second call for the same ServedBlock does nothing.
   void complete(const ServedBlock& block, bool ok);
 
  private:
