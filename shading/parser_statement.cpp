@@ -1,0 +1,227 @@
+#include "shading/parser_impl.h"
+
+namespace fr {
+
+using namespace ast;
+
+Stmt* Parser::makeStmt(StmtKind kind, const SourcePlace& place) {
+  Stmt& s = file_.stmts.emplace_back();
+  s.kind = kind;
+  s.place = place;
+  return &s;
+}
+
+Stmt* Parser::block() {
+  Stmt* s = makeStmt(StmtKind::kBlock, peek().place);
+  Depth depth(this);
+  if (!depth.ok) return s;
+  const SourcePlace open = peek().place;
+  expect("{", "before a block");
+  while (!peek().is("}")) {
+    if (peek().kind == TokenKind::kEnd) {
+      if (!tooDeep_) error(peek().place, fmt::format("missing '}}': the block that begins in line {} has no end", open.line));
+      return s;
+    }
+    const size_t before = pos_;
+    if (Stmt* inner = statement()) s->body.push_back(inner);
+    if (pos_ == before) take();
+  }
+  take();
+  return s;
+}
+
+Stmt* Parser::statement() {
+  Depth depth(this);
+  if (!depth.ok) return nullptr;
+  const SlToken& t = peek();
+  if (t.is("{")) return block();
+  if (t.is(";")) {
+    take();
+    return makeStmt(StmtKind::kEmpty, t.place);
+  }
+  if (t.is("if")) return ifStatement();
+  if (t.is("while") || t.is("for")) return loopStatement();
+  if (t.is("break") || t.is("continue") || t.is("return")) return jumpStatement();
+  if (t.is("illuminance") || t.is("illuminate") || t.is("solar")) return lightStatement();
+  if (t.is("gather")) return gatherStatement();
+  if (options_.prelude && t.kind == TokenKind::kIdentifier && t.text == "__ambientlights") return lightStatement();
+
+  SlType type;
+  const bool functionFollows = typeOf(t, type) && peek(1).kind == TokenKind::kIdentifier && peek(2).is("(");
+  if (functionFollows || looksLikeFunction()) {
+    SlType result = SlType::kFloat;
+    const SourcePlace place = t.place;
+    if (functionFollows) {
+      result = type;
+      take();
+    }
+    if (looksLikeFunction()) {
+      Stmt* s = makeStmt(StmtKind::kFunction, place);
+      s->function = functionRest(result);
+      return s->function ? s : nullptr;
+    }
+    --pos_;  // a cast in front of a call, as a statement
+    return expressionStatement();
+  }
+  if (atSpecifier() || (typeOf(t, type) && (peek(1).kind == TokenKind::kIdentifier || peek(1).is("[") ||
+                                            peek(1).is("uniform") || peek(1).is("varying") ||
+                                            peek(1).kind == TokenKind::kKeyword))) {
+    Variable v;
+    specifiers(v);
+    if (!typeOf(peek(), v.type) || v.type == SlType::kVoid) {
+      error(peek().place, fmt::format("expected a type, found {}", found()));
+      recover();
+      return nullptr;
+    }
+    take();
+    specifiers(v);
+    return declaration(v);
+  }
+  return expressionStatement();
+}
+
+Stmt* Parser::expressionStatement() {
+  Stmt* s = makeStmt(StmtKind::kExpr, peek().place);
+  if (peek().is("else")) {
+    error(peek().place, "'else' without 'if'");
+    take();
+    return nullptr;
+  }
+  Expr* e = expression();
+  if (!e) {
+    recover();
+    return nullptr;
+  }
+  s->exprs.push_back(e);
+  if (!expect(";", "after the statement")) {
+    // When the next line begins a new statement, go on there.
+    if (pos_ > 0 && tokens_[pos_ - 1].place.line == peek().place.line) recover();
+  }
+  return s;
+}
+
+Stmt* Parser::ifStatement() {
+  Stmt* s = makeStmt(StmtKind::kIf, peek().place);
+  take();
+  expect("(", "after 'if'");
+  s->exprs.push_back(expression());
+  if (!s->exprs[0]) {
+    recover();
+    return nullptr;
+  }
+  expect(")", "after the condition");
+  Stmt* then = statement();
+  s->body.push_back(then ? then : makeStmt(StmtKind::kEmpty, s->place));
+  if (accept("else")) {
+    Stmt* other = statement();
+    s->body.push_back(other ? other : makeStmt(StmtKind::kEmpty, s->place));
+  }
+  return s;
+}
+
+Stmt* Parser::loopStatement() {
+  const bool isFor = peek().is("for");
+  Stmt* s = makeStmt(isFor ? StmtKind::kFor : StmtKind::kWhile, peek().place);
+  take();
+  expect("(", isFor ? "after 'for'" : "after 'while'");
+  if (isFor) {
+    Expr* init = peek().is(";") ? nullptr : expression();
+    expect(";", "after the first part of 'for'");
+    Expr* condition = peek().is(";") ? nullptr : expression();
+    expect(";", "after the condition of 'for'");
+    Expr* step = peek().is(")") ? nullptr : expression();
+    s->exprs = {init, condition, step};
+  } else {
+    s->exprs.push_back(expression());
+    if (!s->exprs[0]) {
+      recover();
+      return nullptr;
+    }
+  }
+  if (!expect(")", "before the loop's body")) {
+    recover();
+    return nullptr;
+  }
+  Stmt* body = statement();
+  s->body.push_back(body ? body : makeStmt(StmtKind::kEmpty, s->place));
+  return s;
+}
+
+Stmt* Parser::jumpStatement() {
+  const SlToken word = take();
+  if (word.text == "return") {
+    Stmt* s = makeStmt(StmtKind::kReturn, word.place);
+    if (!peek().is(";")) {
+      Expr* e = expression();
+      if (!e) {
+        recover();
+        return nullptr;
+      }
+      s->exprs.push_back(e);
+    }
+    if (!expect(";", "after 'return'")) recover();
+    return s;
+  }
+  Stmt* s = makeStmt(word.text == "break" ? StmtKind::kBreak : StmtKind::kContinue, word.place);
+  if (peek().kind == TokenKind::kNumber) {
+    const SlToken n = take();
+    if (n.number >= 1 && n.number <= 1000 && n.number == double(int(n.number))) {
+      s->levels = int(n.number);
+    } else {
+      error(n.place, fmt::format("'{}' takes a whole number of loops from 1", word.text));
+    }
+  }
+  if (!expect(";", fmt::format("after '{}'", word.text))) recover();
+  return s;
+}
+
+Stmt* Parser::lightStatement() {
+  const SlToken word = take();
+  const StmtKind kind = word.text == "illuminance"  ? StmtKind::kIlluminance
+                        : word.text == "illuminate" ? StmtKind::kIlluminate
+                        : word.text == "solar"      ? StmtKind::kSolar
+                                                    : StmtKind::kAmbient;
+  Stmt* s = makeStmt(kind, word.place);
+  expect("(", fmt::format("after '{}'", word.text));
+  while (!peek().is(")") && peek().kind != TokenKind::kEnd) {
+    Expr* e = expression();
+    if (!e) {
+      recover();
+      return nullptr;
+    }
+    s->exprs.push_back(e);
+    if (!accept(",")) break;
+  }
+  if (!expect(")", fmt::format("after the arguments of '{}'", word.text))) {
+    recover();
+    return nullptr;
+  }
+  Stmt* body = statement();
+  s->body.push_back(body ? body : makeStmt(StmtKind::kEmpty, s->place));
+  return s;
+}
+
+Stmt* Parser::gatherStatement() {
+  Stmt* s = makeStmt(StmtKind::kGather, peek().place);
+  take();
+  expect("(", "after 'gather'");
+  while (!peek().is(")") && peek().kind != TokenKind::kEnd) {
+    Expr* e = expression();
+    if (!e) {
+      recover();
+      return nullptr;
+    }
+    s->exprs.push_back(e);
+    if (!accept(",")) break;
+  }
+  expect(")", "after the arguments of 'gather'");
+  Stmt* body = statement();
+  s->body.push_back(body ? body : makeStmt(StmtKind::kEmpty, s->place));
+  if (accept("else")) {
+    Stmt* other = statement();
+    s->body.push_back(other ? other : makeStmt(StmtKind::kEmpty, s->place));
+  }
+  return s;
+}
+
+}  // namespace fr

@@ -1,0 +1,307 @@
+// The C preprocessor: Boost.Wave, whose heavy headers stay in this file.
+#include <xxhash.h>
+
+#include <algorithm>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <map>
+
+#include "shading/source.h"
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wall"
+#pragma GCC diagnostic ignored "-Wextra"
+#pragma GCC diagnostic ignored "-Wpedantic"
+#pragma GCC diagnostic ignored "-Wshadow"
+#pragma GCC diagnostic ignored "-Wconversion"
+#pragma GCC diagnostic ignored "-Woverloaded-virtual"
+#pragma GCC diagnostic ignored "-Wnon-virtual-dtor"
+#include <boost/wave.hpp>
+#include <boost/wave/cpplexer/cpp_lex_iterator.hpp>
+#include <boost/wave/cpplexer/cpp_lex_token.hpp>
+#pragma GCC diagnostic pop
+
+namespace fr {
+
+uint64_t hashBytes(const void* data, size_t size) { return XXH3_64bits(data, size); }
+
+Result<std::string> readSourceFile(const std::string& path) {
+  std::error_code ec;
+  const auto status = std::filesystem::status(path, ec);
+  if (ec || !std::filesystem::exists(status)) return makeError(RiError::kNoFile, "cannot find '{}'", path);
+  if (!std::filesystem::is_regular_file(status)) return makeError(RiError::kNoFile, "'{}' is not a file", path);
+  const auto size = std::filesystem::file_size(path, ec);
+  if (ec) return makeError(RiError::kNoFile, "cannot read '{}'", path);
+  if (size > (16u << 20)) return makeError(RiError::kLimit, "'{}' is larger than 16 MB", path);
+  std::ifstream in(path, std::ios::binary);
+  std::string text(size, '\0');
+  if (!in.read(text.data(), std::streamsize(size))) return makeError(RiError::kNoFile, "cannot read '{}'", path);
+  return text;
+}
+
+SourcePlace PreprocessedSource::placeOf(size_t offset) const {
+  auto it = std::upper_bound(runs.begin(), runs.end(), offset,
+                             [](size_t o, const SourceRun& r) { return o < r.offset; });
+  if (it == runs.begin()) return {};
+  --it;
+  SourcePlace p = it->place;
+  p.column += uint32_t(offset - it->offset);
+  return p;
+}
+
+SourceLocation PreprocessedSource::location(const SourcePlace& place) const {
+  if (place.line == 0) return {files.empty() ? "" : files[0].name, 0, 0};
+  return {place.file < files.size() ? files[place.file].name : "", int(place.line), int(place.column)};
+}
+
+std::string PreprocessedSource::line(const SourcePlace& place) const {
+  if (place.file >= files.size() || place.line == 0) return {};
+  const std::string& t = files[place.file].text;
+  size_t begin = 0;
+  for (uint32_t i = 1; i < place.line; ++i) {
+    begin = t.find('\n', begin);
+    if (begin == std::string::npos) return {};
+    ++begin;
+  }
+  std::string r = t.substr(begin, t.find('\n', begin) - begin);
+  if (r.size() > 400) r.resize(400);
+  return r;
+}
+
+namespace {
+
+/// What one run shares with the input policy and the hooks, which Wave constructs by itself.
+struct RunState {
+  PreprocessedSource* out;
+  Diagnostics* diagnostics;
+  const PreprocessOptions* options;
+  size_t expansions = 0;
+  std::map<std::string, uint32_t> fileIndex;
+  std::vector<std::string> includeChain;
+
+  uint32_t fileOf(const std::string& name) {
+    auto it = fileIndex.find(name);
+    if (it != fileIndex.end()) return it->second;
+    const uint32_t i = uint32_t(out->files.size());
+    if (i >= 4095) return 4094;
+    out->files.push_back({name, "", 0});
+    fileIndex.emplace(name, i);
+    return i;
+  }
+  void add(Severity severity, RiError code, const std::string& file, size_t line, size_t column, std::string message) {
+    Diagnostic d;
+    d.severity = severity;
+    d.code = code;
+    const SourcePlace place{fileOf(file), uint32_t(line), uint32_t(column)};
+    d.where = out->location(place);
+    d.sourceLine = out->line(place);
+    d.message = std::move(message);
+    if (includeChain.size() > 1) {
+      for (size_t i = includeChain.size() - 1; i-- > 0;)
+        d.hint += (d.hint.empty() ? "included from " : ", from ") + includeChain[i];
+    }
+    diagnostics->add(std::move(d));
+  }
+};
+thread_local RunState* tRun = nullptr;
+
+struct LimitReached : std::exception {};
+
+/// Line ends become '\n', the last line gets one; bytes that are neither text nor part of a string or comment
+/// are Wave's to complain about.
+std::string normalised(std::string t) {
+  std::string r;
+  r.reserve(t.size() + 1);
+  for (size_t i = 0; i < t.size(); ++i) {
+    if (t[i] == '\r') {
+      if (i + 1 < t.size() && t[i + 1] == '\n') continue;
+      r += '\n';
+    } else if (t[i] == '\0') {
+      r += ' ';
+    } else {
+      r += t[i];
+    }
+  }
+  if (r.starts_with("\xef\xbb\xbf")) r.erase(0, 3);
+  if (r.empty() || r.back() != '\n') r += '\n';
+  return r;
+}
+
+/// Wave parses #if by recursion: a line of a thousand parentheses must not reach it.
+bool conditionsAreShallow(const std::string& t) {
+  size_t i = 0;
+  while (i < t.size()) {
+    size_t end = i;
+    while ((end = t.find('\n', end)) != std::string::npos && end > 0 && t[end - 1] == '\\') ++end;
+    if (end == std::string::npos) end = t.size();
+    const size_t first = t.find_first_not_of(" \t", i);
+    if (first < end && t[first] == '#') {
+      const size_t deep = size_t(std::count_if(t.begin() + long(first), t.begin() + long(end), [](char c) {
+        return c == '(' || c == '!' || c == '~' || c == '-' || c == '+' || c == '?';
+      }));
+      const size_t word = t.find_first_not_of(" \t", first + 1);
+      if (deep > 500 && word < end && (t.compare(word, 2, "if") == 0 || t.compare(word, 4, "elif") == 0)) return false;
+    }
+    i = end + 1;
+  }
+  return true;
+}
+
+struct InputPolicy {
+  template <class Context>
+  class inner {
+   public:
+    template <class Position>
+    static void init_iterators(Context& c, const Position& at, boost::wave::language_support language) {
+      const std::string name(c.filename.c_str());
+      Result<std::string> text = readSourceFile(name);
+      if (text && !conditionsAreShallow(*text)) text = makeError(RiError::kLimit, "'{}': #if nested too deeply", name);
+      if (!text) {
+        if (tRun)
+          tRun->add(Severity::kError, text.error().code, std::string(at.get_file().c_str()), at.get_line(),
+                    at.get_column(), text.error().message);
+        c.instring = "\n";
+      } else {
+        const uint64_t hash = hashBytes(text->data(), text->size());
+        c.instring = normalised(std::move(*text));
+        if (tRun) {
+          const uint32_t i = tRun->fileOf(name);
+          tRun->out->files[i].text = c.instring;
+          tRun->out->files[i].hash = hash;
+        }
+      }
+      using Iterator = typename Context::iterator_type;
+      c.first = Iterator(c.instring.begin(), c.instring.end(), Position(c.filename), language);
+      c.last = Iterator();
+    }
+
+   private:
+    std::string instring;
+  };
+};
+
+struct Hooks : boost::wave::context_policies::default_preprocessing_hooks {
+  template <class Context, class Token, class Container, class Iterator>
+  bool expanding_function_like_macro(const Context&, const Token&, const std::vector<Token>&, const Container& body,
+                                     const Token&, const std::vector<Container>& arguments, const Iterator&,
+                                     const Iterator&) {
+    size_t n = body.size() + 1;
+    for (const Container& a : arguments) n += a.size();
+    return count(n);
+  }
+  template <class Context, class Token, class Container>
+  bool expanding_object_like_macro(const Context&, const Token&, const Container& body, const Token&) {
+    return count(body.size() + 1);
+  }
+  template <class Context>
+  void opened_include_file(const Context&, const std::string& relative, const std::string&, bool) {
+    if (tRun) tRun->includeChain.push_back(relative);
+  }
+  template <class Context>
+  void returning_from_include_file(const Context&) {
+    if (tRun && tRun->includeChain.size() > 1) tRun->includeChain.pop_back();
+  }
+  template <class Context, class Exception>
+  void throw_exception(const Context&, const Exception& e) {
+    const int severity = int(e.get_severity());
+    const bool fatal = severity >= int(boost::wave::util::severity_fatal) || !e.is_recoverable();
+    if (tRun) {
+      const bool error = severity >= int(boost::wave::util::severity_error);
+      std::string text = e.description();
+      std::replace(text.begin(), text.end(), '\n', ' ');
+      tRun->add(error ? Severity::kError : Severity::kWarning, RiError::kSyntax, e.file_name(), e.line_no(),
+                e.column_no(), text);
+    }
+    if (fatal) boost::throw_exception(e);
+  }
+
+ private:
+  static bool count(size_t n) {
+    if (tRun && (tRun->expansions += n) > tRun->options->maxMacroExpansions) throw LimitReached();
+    return false;
+  }
+};
+
+using Token = boost::wave::cpplexer::lex_token<>;
+using LexIterator = boost::wave::cpplexer::lex_iterator<Token>;
+using Context = boost::wave::context<std::string::const_iterator, LexIterator, InputPolicy, Hooks>;
+
+void setUp(Context& ctx, const PreprocessOptions& options) {
+  using namespace boost::wave;
+  ctx.set_language(language_support(support_c99 | support_option_emit_pragma_directives |
+                                    support_option_no_character_validation | support_option_insert_whitespace));
+  ctx.set_max_include_nesting_depth(options.maxIncludeDepth);
+  for (const std::string& path : options.includePaths) {
+    ctx.add_sysinclude_path(path.c_str());
+    ctx.add_include_path(path.c_str());
+  }
+  std::vector<std::string> defines{"FRANKENRENDER=1", "BMRT=1"};
+  for (const std::string& d : options.defines) {
+    if (d.starts_with('!')) {
+      std::erase_if(defines, [&](const std::string& o) { return o.starts_with(d.substr(1) + "="); });
+    } else {
+      defines.push_back(d.find('=') == std::string::npos ? d + "=1" : d);
+    }
+  }
+  for (const std::string& d : defines) ctx.add_macro_definition(d.c_str());
+}
+
+void copyTokens(Context& ctx, RunState& run) {
+  PreprocessedSource& out = *run.out;
+  std::string lastName;
+  uint32_t lastFile = 0;
+  for (auto it = ctx.begin(), end = ctx.end(); it != end; ++it) {
+    const Token& token = *it;
+    const auto& text = token.get_value();
+    if (text.empty()) continue;
+    // Tokens of a macro body carry the place of its definition.
+    const auto& at = token.get_position();
+    const std::string name(at.get_file().c_str());
+    if (name != lastName) {
+      lastName = name;
+      lastFile = run.fileOf(name);
+    }
+    if (out.text.size() + text.size() > run.options->maxOutputBytes) throw LimitReached();
+    out.runs.push_back({uint32_t(out.text.size()), {lastFile, uint32_t(at.get_line()), uint32_t(at.get_column())}});
+    out.text.append(text.c_str(), text.size());
+  }
+}
+
+}  // namespace
+
+bool preprocess(const std::string& fileName, std::string text, const PreprocessOptions& options,
+                PreprocessedSource& out, Diagnostics& diagnostics) {
+  out = {};
+  const uint64_t hash = hashBytes(text.data(), text.size());
+  const std::string source = normalised(std::move(text));
+  out.files.push_back({fileName, source, hash});
+  RunState run{&out, &diagnostics, &options, 0, {{fileName, 0}}, {fileName}};
+  const size_t errorsBefore = diagnostics.errorCount();
+  if (!conditionsAreShallow(source)) {
+    run.add(Severity::kError, RiError::kLimit, fileName, 0, 0, "#if nested too deeply");
+    return false;
+  }
+  RunState* const outer = tRun;
+  tRun = &run;
+  bool complete = false;
+  try {
+    Context ctx(source.begin(), source.end(), fileName.c_str());
+    setUp(ctx, options);
+    copyTokens(ctx, run);
+    complete = true;
+  } catch (const LimitReached&) {
+    run.add(Severity::kError, RiError::kLimit, fileName, 0, 0,
+            "macros expand to too much text (a macro that doubles itself?)");
+  } catch (const boost::wave::cpp_exception& e) {
+    run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(), e.description());
+  } catch (const boost::wave::cpplexer::lexing_exception& e) {
+    run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(), e.description());
+  } catch (const std::exception& e) {
+    run.add(Severity::kError, RiError::kSyntax, fileName, 0, 0, fmt::format("preprocessor: {}", e.what()));
+  }
+  tRun = outer;
+  return complete && diagnostics.errorCount() == errorsBefore;
+}
+
+}  // namespace fr
