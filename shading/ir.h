@@ -106,14 +106,20 @@ inline constexpr uint32_t kArgWritten = 0x80000000u;  // the operation writes it
 inline constexpr uint32_t kArgRead = 0x40000000u;  // the operation reads it (both bits: read, then written)
 inline constexpr uint32_t kArgIndex = 0x3fffffffu;
 
+/// File index, line and column in 8, 16 and 8 bits; each stops at its largest value.
+inline uint32_t packPlace(uint32_t file, uint32_t line, uint32_t column) {
+  return (file < 255 ? file : 255) << 24 | (line < 65535 ? line : 65535) << 8 | (column < 255 ? column : 255);
+}
+
 struct Instruction {
   Op op = Op::nop;
   uint16_t argCount = 0;
   uint32_t firstArg = 0;     // index into args
   uint32_t jump = kNoIndex;  // control flow: index of the matching instruction (docs/format/bytecode.md)
-  uint32_t where = 0;        // source place: file index << 20 | line
-  uint32_t line() const { return where & 0xfffffu; }
-  uint32_t file() const { return where >> 20; }
+  uint32_t where = 0;  // source place, see packPlace()
+  uint32_t file() const { return where >> 24; }
+  uint32_t line() const { return (where >> 8) & 0xffffu; }
+  uint32_t column() const { return where & 0xffu; }
 };
 static_assert(sizeof(Instruction) == 16 && std::is_trivially_copyable_v<Instruction>);
 

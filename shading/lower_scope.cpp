@@ -70,7 +70,7 @@ void Lower::warn(const SourcePlace& place, std::string message, std::string hint
                         std::move(hint), in_.source->line(place)});
 }
 
-void Lower::at(const SourcePlace& place) { b_.where = std::min(place.file, 4095u) << 20 | (place.line & 0xfffffu); }
+void Lower::at(const SourcePlace& place) { b_.where = packPlace(place.file, place.line, place.column); }
 
 void Lower::bindGlobals() {
   for (unsigned i = 0; i < unsigned(GlobalId::kCount); ++i) {

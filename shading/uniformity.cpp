@@ -1,0 +1,199 @@
+#include "shading/passes.h"
+
+namespace fr {
+namespace {
+
+class Uniformity {
+ public:
+  Uniformity(ShaderProgram& p, const PassContext& context) : p_(p), context_(context) {}
+
+  std::vector<bool> run() {
+    for (Symbol& s : p_.symbols)
+      if ((s.storage == Storage::kLocal || s.storage == Storage::kTemp) && !s.declaredClass) s.cls = SlClass::kUniform;
+    loopVaries_.assign(p_.code.size(), false);
+    uniformRandom();
+    do {
+      changed_ = false;
+      scan(false);
+    } while (changed_);
+    scan(true);
+    return std::move(under_);
+  }
+
+ private:
+  struct Frame {
+    uint32_t begin;
+    Op op;
+    bool varying;
+  };
+
+  const Symbol& symbol(uint32_t arg) const { return p_.symbols[arg & kArgIndex]; }
+
+  void makeVarying(uint32_t arg) {
+    Symbol& s = p_.symbols[arg & kArgIndex];
+    if (s.declaredClass || s.cls == SlClass::kVarying) return;
+    if (s.storage != Storage::kLocal && s.storage != Storage::kTemp) return;
+    s.cls = SlClass::kVarying;
+    changed_ = true;
+  }
+
+  // random() is one number when a uniform variable takes it.
+  void uniformRandom() {
+    for (size_t i = 0; i + 1 < p_.code.size(); ++i) {
+      const Op op = p_.code[i].op, next = p_.code[i + 1].op;
+      if ((op != Op::random_f && op != Op::random_t) || (next != Op::assign_f && next != Op::assign_t)) continue;
+      const auto a = p_.operands(p_.code[i]), b = p_.operands(p_.code[i + 1]);
+      if ((a[0] & kArgIndex) != (b[1] & kArgIndex)) continue;
+      if (symbol(b[0]).declaredClass && symbol(b[0]).cls == SlClass::kUniform)
+        p_.symbols[a[0] & kArgIndex].declaredClass = 1;
+    }
+  }
+
+  bool varying() const { return !frames_.empty() && frames_.back().varying; }
+
+  void markLoop(uint32_t begin) {
+    if (loopVaries_[begin]) return;
+    loopVaries_[begin] = true;
+    changed_ = true;
+  }
+
+  static bool isLoop(Op op) {
+    return op == Op::loop_begin || op == Op::gather_begin || op == Op::illuminance_begin ||
+           op == Op::illuminance_cone_begin || op == Op::ambient_begin;
+  }
+
+  // Points leave everything up to frame k: what follows in these frames runs for some points only.
+  void leaveUpTo(size_t k) {
+    for (size_t i = k; i < frames_.size(); ++i) {
+      frames_[i].varying = true;
+      if (frames_[i].op == Op::loop_begin) markLoop(frames_[i].begin);
+    }
+  }
+
+  void control(uint32_t i, const Instruction& in, bool conditionVaries) {
+    const bool now = varying();
+    switch (in.op) {
+      case Op::if_begin: frames_.push_back({i, in.op, now || conditionVaries}); break;
+      case Op::loop_begin: frames_.push_back({i, in.op, now || loopVaries_[i]}); break;
+      case Op::loop_test:
+        if (conditionVaries && !frames_.empty()) {
+          markLoop(frames_.back().begin);
+          frames_.back().varying = true;
+        }
+        break;
+      case Op::inline_begin: frames_.push_back({i, in.op, now}); break;
+      case Op::illuminance_begin:
+      case Op::illuminance_cone_begin:
+      case Op::ambient_begin:
+      case Op::gather_begin:
+      case Op::illuminate_begin:
+      case Op::illuminate_cone_begin:
+      case Op::solar_begin:
+      case Op::solar_cone_begin: frames_.push_back({i, in.op, true}); break;
+      case Op::if_else: break;
+      case Op::if_end:
+      case Op::loop_end:
+      case Op::inline_end:
+      case Op::illuminance_end:
+      case Op::gather_end:
+      case Op::illuminate_end:
+      case Op::solar_end:
+        if (!frames_.empty()) frames_.pop_back();
+        break;
+      case Op::inline_return:
+      case Op::break_loop:
+      case Op::continue_loop: {
+        if (!now) break;
+        int levels = in.op == Op::inline_return ? 1 << 20 : int(p_.floats[symbol(p_.operands(in)[0]).data]);
+        size_t k = frames_.size();
+        while (k > 0) {
+          --k;
+          if (frames_[k].op == Op::inline_begin) break;
+          if (isLoop(frames_[k].op) && --levels <= 0) break;
+        }
+        leaveUpTo(k);
+        break;
+      }
+      default: break;
+    }
+  }
+
+  void scan(bool final) {
+    frames_.clear();
+    if (final) under_.assign(p_.code.size(), false);
+    for (uint32_t i = 0; i < p_.code.size(); ++i) {
+      const Instruction& in = p_.code[i];
+      const OpInfo& info = opInfo(in.op);
+      const auto operands = p_.operands(in);
+      bool value = (info.flags & (kOpResultVarying | kOpRay)) != 0;
+      for (uint32_t a : operands)
+        if ((a & kArgRead) && !(a & kArgWritten) && symbol(a).isVarying()) value = true;
+      const bool ofPoint = in.op == Op::msg_surface || in.op == Op::msg_displacement || in.op == Op::msg_atmosphere ||
+                           in.op == Op::msg_lightsource || in.op == Op::msg_incident || in.op == Op::msg_opposite ||
+                           in.op == Op::get_rayinfo;
+      for (uint32_t a : operands) {
+        if (!(a & kArgWritten)) continue;
+        const bool inout = (a & kArgRead) != 0;
+        bool result = (info.flags & kOpResultUniform) && !inout ? false : value;
+        if (inout && (ofPoint || (info.flags & kOpControl))) result = true;
+        const bool masked = (info.flags & kOpMasked) && varying() && !((info.flags & kOpResultUniform) && !inout);
+        if (final) {
+          check(in, a, result, masked);
+        } else if (result || masked) {
+          makeVarying(a);
+        }
+      }
+      if (final) {
+        under_[i] = varying();
+        if (varying() && (info.flags & kOpDerivative))
+          lint(in, fmt::format("the result of '{}' is undefined where only some points are active",
+                               in.op == Op::area ? "area" : info.name));
+      }
+      if (info.flags & kOpControl) control(i, in, value);
+    }
+  }
+
+  void check(const Instruction& in, uint32_t a, bool result, bool masked) {
+    const Symbol& s = symbol(a);
+    if (!s.declaredClass || s.cls != SlClass::kUniform || s.storage == Storage::kGlobal) return;
+    if (in.op == Op::random_f || in.op == Op::random_t) return;
+    // Messages of one value a point leave the first active point's value in a uniform variable.
+    const bool assignment = (opInfo(in.op).flags & kOpMasked) && opInfo(in.op).cost < Cost::kExternal;
+    if (result && assignment) {
+      report(Severity::kError, in,
+             fmt::format("varying value in the uniform variable '{}'", p_.strings[s.name]),
+             s.storage == Storage::kOutputParameter || s.storage == Storage::kParameter
+                 ? "declare the parameter 'varying'"
+                 : "declare the variable 'varying'");
+    } else if (masked) {
+      lint(in, fmt::format("uniform variable '{}' changes where only some points are active", p_.strings[s.name]));
+    }
+  }
+
+  void report(Severity severity, const Instruction& in, std::string message, std::string hint) {
+    if (!context_.diagnostics) return;
+    const SourcePlace place{in.file(), in.line(), in.column()};
+    context_.diagnostics->add({severity, RiError::kSyntax, context_.source->location(place), std::move(message),
+                               std::move(hint), context_.source->line(place)});
+  }
+
+  void lint(const Instruction& in, std::string message) {
+    if (!context_.lint || in.file() + 1 >= context_.source->files.size()) return;
+    if (context_.noLint && context_.noLint->count(uint64_t(in.file()) << 32 | in.line())) return;
+    report(Severity::kWarning, in, std::move(message), "");
+  }
+
+  ShaderProgram& p_;
+  const PassContext& context_;
+  std::vector<Frame> frames_;
+  std::vector<bool> loopVaries_, under_;
+  bool changed_ = false;
+};
+
+}  // namespace
+
+std::vector<bool> inferUniformity(ShaderProgram& program, const PassContext& context) {
+  return Uniformity(program, context).run();
+}
+
+}  // namespace fr
