@@ -178,7 +178,9 @@ bool Lower::plainInputs(const Builtin& b, const Expr& e, SlType result, std::vec
       switch (c) {
         case 'o':
         case 'O': {
-          if (!writable(arg)) return false;
+          Binding* target = writable(arg);
+          if (!target) return false;
+          target->isRead = true;  // a result that the caller has no use for is no mistake
           const uint32_t t = b_.temp(c == 'o' ? SlType::kFloat : typeOf(arg));
           outputs.push_back({t, &arg});
           break;

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "shading/lower.h"
 
 namespace fr {
@@ -95,9 +97,14 @@ void Lower::pushScope(Scope& s) {
 
 void Lower::popScope() {
   // Blocks and functions: what was declared here and never used.
+  std::vector<std::pair<const std::string*, const Binding*>> unused;
   for (const auto& [name, b] : scope_->variables)
-    if (b.isLocal && !b.isRead && !b.target && b.place.line)
-      warn(b.place, fmt::format("variable '{}' is {}", name, b.isWritten ? "set but never used" : "never used"));
+    if (b.isLocal && !b.isRead && !b.target && b.place.line) unused.push_back({&name, &b});
+  std::sort(unused.begin(), unused.end(), [](const auto& a, const auto& b) {
+    return std::pair(a.second->place.line, a.second->place.column) < std::pair(b.second->place.line, b.second->place.column);
+  });
+  for (const auto& [name, b] : unused)
+    warn(b->place, fmt::format("variable '{}' is {}", *name, b->isWritten ? "set but never used" : "never used"));
   scope_ = scope_->isFunction ? scope_->caller : scope_->parent;
 }
 

@@ -1,4 +1,5 @@
 // The C preprocessor: Boost.Wave, whose heavy headers stay in this file.
+#define XXH_INLINE_ALL
 #include <xxhash.h>
 
 #include <algorithm>

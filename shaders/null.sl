@@ -1,0 +1,4 @@
+/* Does nothing: the surface is black. */
+surface null()
+{
+}
