@@ -121,13 +121,14 @@ FilmTile Film::gather(int tile) const {
           const float* add = s.sums.data() + (source * size_t(columns * rows) + target) * entry;
           for (size_t c = 0; c < entry; ++c) sum[c] += add[c];
         }
-      const float scale = sum[0] != 0 ? 1 / sum[0] : 0.0f;
+      const float total =
+          sum[0] != 0 ? sum[0] : 1.0f;  // divided, not multiplied by 1/total: full coverage is exactly 1
       const Splats& own = *splats_[size_t(tile)];
       const size_t self = size_t(y - own.rect.y0) * size_t(own.rect.width()) + size_t(x - own.rect.x0);
       const float* minimum = own.minima.data() + self * size_t(minimumCount_);
       size_t c = 1;
       for (size_t r = 0; r < rules_.size(); ++r)
-        out.channels[r][k] = rules_[r] == ChannelRule::kFiltered ? sum[c++] * scale : *minimum++;
+        out.channels[r][k] = rules_[r] == ChannelRule::kFiltered ? sum[c++] / total : *minimum++;
     }
   return out;
 }

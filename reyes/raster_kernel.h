@@ -1,0 +1,77 @@
+// Rasterisation of a grid's micropolygons onto a tile's samples.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace fr::reyes {
+
+/// A hit on a surface that is not known to be opaque.
+struct Fragment {
+  uint32_t sample;
+  uint32_t hit;
+  float depth;
+  uint32_t next;  // next fragment of the sample; set by the owner of the list
+};
+
+/// Where triangles are drawn: views of a SampleBuffer and of the tile's tables.
+struct RasterTarget {
+  int columns = 0, rows = 0, perPixel = 0, rowStride = 0;
+  const int32_t* x = nullptr;
+  const int32_t* y = nullptr;
+  float* depth = nullptr;
+  uint32_t* hit = nullptr;
+  /// Rank of the grid in each slot: of two hits at the same depth the lower (rank, triangle) wins, whichever
+  /// came first.
+  const uint64_t* slotRank = nullptr;
+  /// Fragments go here when set (and depth is only read): room for `fragmentCapacity`.
+  Fragment* fragments = nullptr;
+  size_t fragmentCapacity = 0, fragmentCount = 0;
+  /// Pixels touched so far, inclusive.
+  int column0 = 1 << 30, row0 = 1 << 30, column1 = -1, row1 = -1;
+  uint64_t trianglesTested = 0;
+};
+
+/// Triangles over one set of vertices. Positions in subpixel steps from the tile's corner.
+struct RasterTriangles {
+  const int32_t* x = nullptr;
+  const int32_t* y = nullptr;
+  const float* key = nullptr;
+  const uint8_t* skip =
+      nullptr;  // per vertex: triangles that use it are left out (they are clipped elsewhere)
+  // A grid of cells, each split into triangles 2 cell and 2 cell + 1 along the diagonal (1,0)-(0,1); or an
+  // indexed list.
+  int nu = 0, nv = 0;
+  const uint8_t* indices = nullptr;
+  const uint32_t* ids = nullptr;  // triangle numbers of an indexed list, nullptr: 0, 1, 2...
+  uint32_t triangleCount = 0;
+  uint32_t slot = 0;
+  int cullSign = 0;  // triangles of this orientation (sign of the raster area, y down) are left out; 0: none
+};
+
+/// Vertex indices of triangle `t` of a grid of nu x nv cells.
+inline void gridTriangle(int nu, uint32_t t, uint32_t out[3]) {
+  const uint32_t cell = t >> 1, columns = uint32_t(nu), stride = columns + 1;
+  const uint32_t a = cell / columns * stride + cell % columns;
+  out[0] = t & 1 ? a + 1 : a;
+  out[1] = t & 1 ? a + stride + 1 : a + 1;
+  out[2] = a + stride;
+}
+
+/// Draws triangles [first, triangleCount). Returns the first that was not drawn for lack of room for
+/// fragments, or triangleCount. Coverage is exact: samples on a shared edge belong to one of its two
+/// triangles.
+using RasterFunction = uint32_t (*)(const RasterTriangles&, uint32_t first, RasterTarget&);
+RasterFunction rasterFunction();
+
+namespace sse4 {
+uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+}
+namespace avx2 {
+uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+}
+namespace avx512 {
+uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+}
+
+}  // namespace fr::reyes

@@ -1,0 +1,66 @@
+// From cache space to raster space: the camera of a frame.
+//
+// Depth is carried as a key that is linear in raster space and grows with distance: -1/z in perspective (z:
+// camera space), z itself in orthographic projections. So keys can be interpolated and compared without a
+// division.
+#pragma once
+
+#include <cstdint>
+
+#include "base/math.h"
+#include "imaging/pixel_rect.h"
+#include "scene_cache/cache.h"
+
+namespace fr::reyes {
+
+/// Raster positions are snapped to this many steps a pixel, so that coverage is decided in exact integers:
+/// abutting micropolygons never leave a gap nor overlap.
+inline constexpr int kSubpixelBits = 10;
+inline constexpr int kSubpixels = 1 << kSubpixelBits;
+/// Raster positions beyond this many pixels are clipped away before they are snapped.
+inline constexpr float kGuardBand = 30000.0f;
+
+/// Conservative image of a box.
+struct RasterBounds {
+  float x0, y0, x1, y1;
+  float key;  // not greater than any depth key in the box
+  bool outside = false;
+
+  bool overlaps(const PixelRect& r) const {
+    return x1 >= float(r.x0) && x0 <= float(r.x1) && y1 >= float(r.y0) && y0 <= float(r.y1);
+  }
+};
+
+/// Immutable; thread-safe.
+class RasterSpace {
+ public:
+  RasterSpace() = default;
+  /// The camera at shutter time `time`.
+  RasterSpace(const cache::CameraRecord& camera, const DMat4& cacheToCamera);
+
+  bool perspective() const { return perspective_; }
+  const Mat4& cacheToCamera() const { return cacheToCamera_; }
+  /// Camera depths of the clipping planes.
+  float near() const { return near_; }
+  float far() const { return far_; }
+  /// Keys below which (nearer) and from which (farther) nothing is visible.
+  float farKey() const { return farKey_; }
+  float key(float z) const { return perspective_ ? -1 / z : z; }
+  float depth(float k) const { return perspective_ ? -1 / k : k; }
+
+  /// (x w, y w, w, camera z) of a cache-space point, in pixels; w = z in perspective, 1 otherwise.
+  Vec4 homogeneous(const Vec3& p) const {
+    const Vec4 c = rasterFromCache_ * Vec4(p, 1.0f);
+    return c;
+  }
+  /// Bounds of a cache-space box, grown by a margin for rounding. `outside`: before the near or behind the
+  /// far plane. A box that reaches through the near plane covers everything.
+  RasterBounds bounds(const Box3f& box) const;
+
+ private:
+  Mat4 cacheToCamera_{1.0f}, rasterFromCache_{1.0f};
+  bool perspective_ = true;
+  float near_ = 0, far_ = 0, farKey_ = 0;
+};
+
+}  // namespace fr::reyes

@@ -1,0 +1,78 @@
+#include "reyes/sample_buffer.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/random.h"
+#include "base/sobol.h"
+
+namespace fr::reyes {
+
+void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, float farKey) {
+  rect_ = rect;
+  perPixel_ = pattern.perPixel();
+  const int used = rect.width() * perPixel_;
+  rowStride_ = (used + kRunPadding - 1) / kRunPadding * kRunPadding + kRunPadding;
+  const size_t n = size_t(rowStride_) * size_t(rect.height()) + kRunPadding;
+  x.assign(n, 0), y.assign(n, 0);
+  depth.assign(n, -kInfinity);  // the padding keeps it: nothing is nearer
+  hit.assign(n, kNothing);
+  for (int row = 0; row < rect.height(); ++row)
+    for (int column = 0; column < rect.width(); ++column) {
+      const size_t first = index(column, row);
+      const uint32_t seed = uint32_t(hashStep(
+          pattern.seed, uint64_t(uint32_t(rect.x0 + column)) | uint64_t(uint32_t(rect.y0 + row)) << 32));
+      for (int s = 0; s < perPixel_; ++s) {
+        Vec2 p;
+        if (pattern.jitter)
+          p = sobolOwen2(uint32_t(s), seed);
+        else
+          p = {(float(s % pattern.nx) + 0.5f) / float(pattern.nx),
+               (float(s / pattern.nx) + 0.5f) / float(pattern.ny)};
+        // Odd steps: a sample never lies on the border of a pixel, where images and crop windows end.
+        x[first + size_t(s)] = column * kSubpixels + 2 * int(p.x * float(kSubpixels / 2)) + 1;
+        y[first + size_t(s)] = row * kSubpixels + 2 * int(p.y * float(kSubpixels / 2)) + 1;
+        depth[first + size_t(s)] = farKey;
+      }
+      if (column + 1 == rect.width())
+        for (size_t i = first + size_t(perPixel_); i < size_t(row + 1) * size_t(rowStride_); ++i)
+          x[i] = x[first], y[i] = y[first];  // near the run, so that kernels' integers do not overflow
+    }
+  blocksX_ = (rect.width() + kBlock - 1) / kBlock;
+  blocksY_ = (rect.height() + kBlock - 1) / kBlock;
+  blockDepth_.assign(size_t(blocksX_ * blocksY_), farKey);
+  blockStale_.assign(size_t(blocksX_ * blocksY_), 0);
+}
+
+void SampleBuffer::touched(int column0, int row0, int column1, int row1) {
+  for (int by = row0 / kBlock; by <= row1 / kBlock; ++by)
+    for (int bx = column0 / kBlock; bx <= column1 / kBlock; ++bx) blockStale_[size_t(by * blocksX_ + bx)] = 1;
+}
+
+float SampleBuffer::blockDepth(int block) {
+  if (!blockStale_[size_t(block)]) return blockDepth_[size_t(block)];
+  const int c0 = block % blocksX_ * kBlock, r0 = block / blocksX_ * kBlock;
+  const int columns = std::min(kBlock, rect_.width() - c0), rows = std::min(kBlock, rect_.height() - r0);
+  float farthest = -kInfinity;
+  for (int r = 0; r < rows; ++r) {
+    const size_t first = index(c0, r0 + r);
+    for (size_t i = first; i < first + size_t(columns * perPixel_); ++i)
+      farthest = std::max(farthest, depth[i]);
+  }
+  blockStale_[size_t(block)] = 0;
+  return blockDepth_[size_t(block)] = farthest;
+}
+
+bool SampleBuffer::hides(const RasterBounds& b) {
+  const auto toBlock = [](float v, int origin, int count) {
+    return int(std::clamp((v - float(origin)) / float(kBlock), 0.0f, float(count - 1)));
+  };
+  const int bx0 = toBlock(b.x0, rect_.x0, blocksX_), bx1 = toBlock(b.x1, rect_.x0, blocksX_);
+  const int by0 = toBlock(b.y0, rect_.y0, blocksY_), by1 = toBlock(b.y1, rect_.y0, blocksY_);
+  for (int by = by0; by <= by1; ++by)
+    for (int bx = bx0; bx <= bx1; ++bx)
+      if (!(b.key > blockDepth(by * blocksX_ + bx))) return false;
+  return true;
+}
+
+}  // namespace fr::reyes

@@ -1,0 +1,70 @@
+// The visibility samples of one tile, structure of arrays.
+//
+// Samples of a pixel are contiguous, pixels of a row follow each other, so a micropolygon tests one run of
+// samples per row of pixels it touches. Rows are padded with samples that nothing can hit, so that kernels
+// may read and test past the end of a run.
+//
+// A sample has a place on the raster today. Time and lens position (motion blur, depth of field) become
+// further arrays here; the kernels get a variant that reads them.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "imaging/pixel_rect.h"
+#include "reyes/raster_space.h"
+
+namespace fr::reyes {
+
+/// What a sample sees: slot of the grid within the tile, and the triangle within the grid.
+inline constexpr int kTriangleBits = 10;
+inline constexpr uint32_t kTriangleMask = (1u << kTriangleBits) - 1;
+inline constexpr uint32_t kMaxSlots = 0xffffffffu >> kTriangleBits;
+inline constexpr uint32_t kNothing = 0xffffffffu;
+
+/// Samples between rows and at the end that kernels may touch.
+inline constexpr int kRunPadding = 16;
+
+/// How the samples lie within each pixel of a frame.
+struct SamplePattern {
+  int nx = 2, ny = 2;
+  bool jitter = true;
+  uint32_t seed = 0;
+  int perPixel() const { return nx * ny; }
+};
+
+class SampleBuffer {
+ public:
+  /// Places the samples of `rect`: Owen-scrambled Sobol points by the pixel's raster position (so tiles do
+  /// not matter), or centres of an nx x ny grid. All see nothing, at depth `farKey`.
+  void reset(const PixelRect& rect, const SamplePattern& pattern, float farKey);
+
+  const PixelRect& rect() const { return rect_; }
+  int perPixel() const { return perPixel_; }
+  int rowStride() const { return rowStride_; }
+  size_t index(int column, int row) const {
+    return size_t(row) * size_t(rowStride_) + size_t(column * perPixel_);
+  }
+  size_t size() const { return x.size(); }
+
+  /// True when every sample of the tile within the bounds sees something opaque that is nearer than
+  /// bounds.key.
+  bool hides(const RasterBounds& bounds);
+  /// Samples in these pixels (tile coordinates, inclusive) may have changed.
+  void touched(int column0, int row0, int column1, int row1);
+
+  std::vector<int32_t> x, y;  // subpixel steps from the tile's corner
+  std::vector<float> depth;   // key of the nearest opaque hit
+  std::vector<uint32_t> hit;  // what it is: slot << kTriangleBits | triangle
+
+ private:
+  static constexpr int kBlock = 4;  // pixels a side of a block of the depth hierarchy
+  float blockDepth(int block);
+
+  PixelRect rect_;
+  int perPixel_ = 0, rowStride_ = 0, blocksX_ = 0, blocksY_ = 0;
+  std::vector<float> blockDepth_;  // farthest depth in the block
+  std::vector<uint8_t> blockStale_;
+};
+
+}  // namespace fr::reyes

@@ -1,0 +1,65 @@
+#include "reyes/shaded_grids.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fr::reyes {
+
+ShadedGrids::ShadedGrids(const Film& film) : film_(film), tiles_(size_t(film.tileCount())) {}
+ShadedGrids::~ShadedGrids() = default;
+
+ShadedGrid* ShadedGrids::acquire(int tile, cache::NodeId node, const cache::GridRecord& record,
+                                 const RasterBounds& bounds) {
+  Shard& shard = shardOf(node);
+  const std::lock_guard lock(shard.mutex);
+  std::unique_ptr<ShadedGrid>& entry = shard.grids[node];
+  if (entry) return entry.get();
+  entry = std::make_unique<ShadedGrid>();
+  ShadedGrid* grid = entry.get();
+  grid->node = node, grid->record = &record;
+  const size_t now = count_.fetch_add(1, std::memory_order_relaxed) + 1;
+  for (size_t old = peak_.load(std::memory_order_relaxed);
+       old < now && !peak_.compare_exchange_weak(old, now);) {
+  }
+
+  const PixelRect& s = film_.sampledRect();
+  const auto at = [&](float v, int origin, int count) {
+    return int(std::clamp(std::floor((v - float(origin)) / float(film_.tileSize())), 0.0f, float(count - 1)));
+  };
+  // One count for us while we register, so that a tile that finishes meanwhile does not free the grid.
+  grid->tilesLeft = 1;
+  const int x0 = at(bounds.x0, s.x0, film_.tilesX()), x1 = at(bounds.x1, s.x0, film_.tilesX());
+  const int y0 = at(bounds.y0, s.y0, film_.tilesY()), y1 = at(bounds.y1, s.y0, film_.tilesY());
+  for (int y = y0; y <= y1; ++y)
+    for (int x = x0; x <= x1; ++x) {
+      Tile& t = tiles_[size_t(y * film_.tilesX() + x)];
+      const std::lock_guard tileLock(t.mutex);
+      if (t.finished) continue;
+      t.grids.push_back(grid);
+      ++grid->tilesLeft;
+    }
+  // The asking tile is unfinished and registered: the count cannot reach 0 here. Its rounding is covered by
+  // this:
+  FR_CHECK(!tiles_[size_t(tile)].finished);
+  FR_CHECK(grid->tilesLeft.fetch_sub(1) > 1);
+  return grid;
+}
+
+void ShadedGrids::finishTile(int tile) {
+  std::vector<ShadedGrid*> grids;
+  {
+    Tile& t = tiles_[size_t(tile)];
+    const std::lock_guard lock(t.mutex);
+    t.finished = true;
+    grids.swap(t.grids);
+  }
+  for (ShadedGrid* grid : grids) {
+    if (grid->tilesLeft.fetch_sub(1, std::memory_order_acq_rel) != 1) continue;
+    count_.fetch_sub(1, std::memory_order_relaxed);
+    Shard& shard = shardOf(grid->node);
+    const std::lock_guard lock(shard.mutex);
+    shard.grids.erase(grid->node);
+  }
+}
+
+}  // namespace fr::reyes

@@ -1,0 +1,63 @@
+// Visibility of one tile: which micropolygon each sample sees. Nothing is shaded here.
+#pragma once
+
+#include <vector>
+
+#include "reyes/frame_scene.h"
+#include "reyes/grid_projection.h"
+#include "reyes/shaded_grids.h"
+
+namespace fr::reyes {
+
+struct HiderStatistics {
+  uint64_t nodesCulledTile = 0, nodesCulledHidden = 0, nodesCulledOutside = 0, nodesSplit = 0, nodesLost = 0;
+  uint64_t gridsDrawn = 0, gridsCulledHidden = 0, gridsCulledTile = 0, micropolygonsTested = 0, fragments = 0;
+  double resolveSeconds = 0, drawSeconds = 0;
+};
+
+/// A grid that was drawn onto the tile.
+struct TileGrid {
+  cache::NodeId node = cache::kNone;
+  const cache::GridRecord* record = nullptr;
+  const uint8_t* indices = nullptr;  // of a meshlet
+  SurfaceTraits traits;
+  ProjectedGrid projected;
+  bool seen = false;  // by a sample, so that its colours are needed
+  ShadedGrid* shaded = nullptr;
+};
+
+/// A hidden tile on its way to colours.
+struct TileView {
+  int tile = -1;
+  SampleBuffer samples;
+  std::vector<TileGrid> grids;          // by slot
+  std::vector<uint64_t> ranks;          // by slot
+  std::vector<Fragment> fragments;      // of surfaces not known to be opaque
+  std::vector<uint32_t> firstFragment;  // by sample, kNothing: none. Empty when there are no fragments.
+};
+
+/// One per thread.
+class TileHider {
+ public:
+  explicit TileHider(const FrameScene& scene) : scene_(scene), rasterise_(rasterFunction()) {}
+  /// Fills `view` for the pixels `rect`, and marks the grids whose colours are needed.
+  void hide(int tile, const PixelRect& rect, TileView& view);
+  const HiderStatistics& statistics() const { return statistics_; }
+
+ private:
+  struct Candidate {
+    float key;
+    cache::NodeId node;
+    bool operator<(const Candidate& o) const { return key != o.key ? key > o.key : node > o.node; }
+  };
+  void consider(cache::NodeId node, TileView& view);
+  void drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view);
+  void markSeen(TileView& view);
+
+  const FrameScene& scene_;
+  RasterFunction rasterise_;
+  std::vector<Candidate> heap_;
+  HiderStatistics statistics_;
+};
+
+}  // namespace fr::reyes
