@@ -41,7 +41,8 @@ struct RayQuery {
   uint64_t seed[kMaxRays];       // path of counter-based random numbers
   uint32_t importance[kMaxRays]; // weight as float bits; reserved for pruning
   uint32_t point[kMaxRays];      // which point of the asking batch this ray belongs to: ShadeTask::writeRays sets it, the tracer
-                                 // uses it to find the deepest miss below each hit; clients of an oracle may leave it alone
+                                 // uses it to find the deepest miss below each hit; 0xffffffff: all of them (one ray whose
+                                 // operands are uniform). Clients of an oracle may leave it alone
 
   float color[3][kMaxRays];
   float hitDistance[kMaxRays];

@@ -325,13 +325,20 @@ void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end,
     answerAt(child, depth + 1);
     if (!shadowRays && (child.kind == RayKind::kTrace || child.kind == RayKind::kFullTrace)) {
       for (uint32_t r = 0; r < std::min(child.count, kMaxRays); ++r) {
-        if (child.missDepth[r] < 1 || child.point[r] >= n) continue;
-        PathRay& p = at.path[at.order[first + child.point[r]]];
-        const uint32_t missDepth = uint32_t(child.missDepth[r]) + 1;
-        if (missDepth <= p.missDepth) continue;
-        p.missDepth = missDepth;
-        p.missP = {child.missP[0][r], child.missP[1][r], child.missP[2][r]};
-        p.missR = {child.missR[0][r], child.missR[1][r], child.missR[2][r]};
+        if (child.missDepth[r] < 1) continue;
+        const auto deepen = [&](size_t k) {
+          PathRay& p = at.path[at.order[first + k]];
+          const uint32_t missDepth = uint32_t(child.missDepth[r]) + 1;
+          if (missDepth <= p.missDepth) return;
+          p.missDepth = missDepth;
+          p.missP = {child.missP[0][r], child.missP[1][r], child.missP[2][r]};
+          p.missR = {child.missR[0][r], child.missR[1][r], child.missR[2][r]};
+        };
+        if (child.point[r] < n) {
+          deepen(child.point[r]);
+        } else if (child.point[r] == kNone) {
+          for (size_t k = 0; k < n; ++k) deepen(k);
+        }
       }
     }
     task.readAnswers(child);

@@ -69,8 +69,8 @@ class RaySceneBuilder {
   Result<std::unique_ptr<RayScene>> build() {
     const auto t0 = std::chrono::steady_clock::now();
     scene_->cache_ = &cache_;
-    threads_ =
-        options_.threads > 0 ? options_.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+    const int cores = int(std::max(1u, std::thread::hardware_concurrency()));  // oneTBB has no more workers
+    threads_ = options_.threads > 0 ? std::min(options_.threads, cores) : cores;
     tbb::task_arena arena(threads_);
     arena.execute([&] { prepareAll(); });
     const auto t1 = std::chrono::steady_clock::now();
