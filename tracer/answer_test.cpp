@@ -273,6 +273,44 @@ TEST(Answer, ThreadsOfTheBuildDoNotMatter) {
   EXPECT_EQ(answers[0], answers[2]);
 }
 
+TEST(Answer, MovingSurfacesAreHitWhereTheyAre) {
+  for (float multiplier : {1.0f, 0.25f}) {
+    AnalyticScene s;
+    AnalyticShape moving = plane(1);
+    moving.motion = {0, 0, 2};
+    s.add(moving, {.patchMultiplier = multiplier});
+    Fixed t(s);
+    for (float time : {0.0f, 0.25f, 0.5f, 1.0f, 7.0f, -NAN}) {
+      t.q->kind = RayKind::kHitTest, t.q->count = 1, t.q->level = 1;
+      setRay(*t.q, 0, {0.1f, 0.3f, 0}, {0, 0, 1});
+      t.q->time[0] = time;
+      t.thread->answer(*t.q);
+      const float expected = 1 + 2 * (time >= 0 ? std::min(time, 1.0f) : 0.0f);
+      EXPECT_NEAR(t.q->hitDistance[0], expected, 1e-5f) << time;
+      EXPECT_NEAR(t.q->hitP[2][0], expected, 1e-5f) << time;
+    }
+  }
+}
+
+TEST(Answer, BiasOverridesTheDeparture) {
+  const auto distance = [](float bias) {
+    AnalyticScene s;
+    s.add(plane(0), {.bias = bias});
+    s.add(plane(0.01f));
+    s.add(plane(1));
+    Fixed t(s);
+    RayQuery& q = *t.q;
+    q.kind = RayKind::kHitTest, q.count = 1, q.level = 1;
+    setRay(q, 0, {0.1f, 0.3f, 0}, {0, 0, 1});
+    q.node[0] = 0, q.normal[2][0] = 1;
+    t.thread->answer(q);
+    return q.hitDistance[0];
+  };
+  EXPECT_FLOAT_EQ(distance(-1), 0.01f);
+  EXPECT_FLOAT_EQ(distance(0.005f), 0.01f);
+  EXPECT_FLOAT_EQ(distance(0.05f), 1);
+}
+
 TEST(Answer, StatisticsCountRaysByKind) {
   AnalyticScene s;
   s.add(plane(1), {.shader = "lit"});

@@ -142,14 +142,19 @@ void AnswerThread::answerHitTest(RayQuery& query, Level& at) {
     Hit hit;
     if (p.going) hit = scene->closest(p.ray), counts_.intersections += 1;
     Vec3 P(0), N(0);
-    if (hit.any()) {
-      SurfaceOut out;
-      for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
-      tracer_.cache().evaluateDiced(scene->entry(hit.entry).node, 1, &hit.cell, &hit.u, &hit.v, out);
-    }
+    if (hit.any()) hitPoint(p, hit, P, N);
     query.hitDistance[i] = hit.any() ? hit.distance : kNoHit;
     for (int c = 0; c < 3; ++c) query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
   }
+}
+
+void AnswerThread::hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N) {
+  const SurfaceEntry& e = tracer_.scene()->entry(hit.entry);
+  SurfaceOut out;
+  for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
+  tracer_.cache().evaluateDiced(e.node, 1, &hit.cell, &hit.u, &hit.v, out);
+  // The cache evaluates at shutter open; what moves was hit somewhere else.
+  if (e.moving) P = path.ray.origin + hit.distance * path.ray.direction;
 }
 
 Color AnswerThread::attributeOpacity(const Hit& hit) {
@@ -257,12 +262,7 @@ void AnswerThread::answerTrace(RayQuery& query, Level& at, size_t depth, bool fu
     query.hitDistance[i] = p.firstHit.any() ? p.firstHit.distance : kNoHitFullTrace;
     if (!full) continue;
     Vec3 P(0), N(0);
-    if (p.firstHit.any()) {
-      SurfaceOut out;
-      for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
-      tracer_.cache().evaluateDiced(scene->entry(p.firstHit.entry).node, 1, &p.firstHit.cell, &p.firstHit.u,
-                                    &p.firstHit.v, out);
-    }
+    if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
     query.missDepth[i] = float(p.missDepth);
     for (int c = 0; c < 3; ++c) {
       query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];

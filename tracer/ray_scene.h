@@ -48,7 +48,7 @@ struct SurfaceEntry {
   uint32_t firstTriangle;        // meshlets: primitive id of triangle 0
   uint16_t cellsU, cellsV;       // at the traced stride; meshlets: vertices, triangles
   float orientation;             // +1, or -1 when the oriented normal points against dPdu x dPdv
-  uint8_t oneSided, meshlet, level;
+  uint8_t oneSided, meshlet, level, moving;
   cache::CastsShadows castsShadows;
 };
 

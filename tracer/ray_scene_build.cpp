@@ -210,6 +210,7 @@ class RaySceneBuilder {
     e.oneSided = facts.oneSided;
     e.meshlet = meshlet;
     e.level = uint8_t(level);
+    e.moving = g.keyCount > 1;
     e.castsShadows = facts.castsShadows;
     return true;
   }

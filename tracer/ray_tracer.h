@@ -96,6 +96,7 @@ class AnswerThread {
   void shadeHits(Level& at, size_t depth, bool shadowRays);
   void shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays);
   Color attributeOpacity(const Hit& hit);
+  void hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N);
 
   RayTracer& tracer_;
   std::vector<std::unique_ptr<Level>> levels_;

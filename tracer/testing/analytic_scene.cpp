@@ -333,16 +333,23 @@ uint64_t diceInto(Bytes& arena, NodeId node, const AnalyticShape& s, uint32_t fa
   GridRecord g{};
   g.node = node;
   g.kind = mesh ? GridKind::kMeshlet : GridKind::kGrid;
-  g.keyCount = 1;
   g.nu = uint16_t(mesh ? side * side : n), g.nv = uint16_t(mesh ? n * n * 2 : n);
   g.rowStride = side;
-  g.positions = arena.reserve((side * side + 2) * 12, kPositionAlign);
+  const bool moves = s.motion != Vec3(0);
+  g.keyBytes = (side * side * 12 + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g.keyCount = moves ? 2 : 1;
+  g.positions = arena.reserve(g.keyCount * g.keyBytes + 24, kPositionAlign);
   std::vector<Vec3> p(side * side);
   for (uint32_t y = 0; y < side; ++y)
     for (uint32_t x = 0; x < side; ++x)
       p[y * side + x] = analyticPoint(s, (face % s.patchesU + double(x) / n) / s.patchesU,
                                       (face / s.patchesU + double(y) / n) / s.patchesV);
   std::memcpy(arena.data.data() + g.positions, p.data(), p.size() * 12);
+  if (moves) {
+    std::vector<Vec3> moved = p;
+    for (Vec3& q : moved) q += s.motion;
+    std::memcpy(arena.data.data() + g.positions + g.keyBytes, moved.data(), moved.size() * 12);
+  }
   for (const Vec3& q : p) g.bound.extend(q);
   for (uint32_t y = 0; y < n; ++y)
     for (uint32_t x = 0; x < n; ++x)

@@ -23,6 +23,7 @@ struct AnalyticShape {
   uint32_t patchesU = 2, patchesV = 2, cells = 16;
   uint32_t inward = 0;            // oriented normal points inwards
   uint32_t group = cache::kNone;  // surface group; kNone: its own
+  Vec3 motion{0};                 // from shutter open to close; other than 0: two motion keys
 };
 
 /// Shading and visibility of a shape.
