@@ -319,7 +319,7 @@ void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end,
   task.begin(points);
   while (task.run() == ShadeTask::Status::kNeedsRays) {
     RayQuery& child = at.child;
-    std::memset(child.point, 0, sizeof child.point);
+    std::memset(child.point, 0x7f, sizeof child.point);  // nobody's, unless the task says whose
     task.writeRays(child);
     child.level = at.rayLevel + 1;
     answerAt(child, depth + 1);
