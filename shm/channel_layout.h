@@ -90,6 +90,10 @@ struct ChannelControl {
   MailboxLine mailbox;
 };
 static_assert(std::is_standard_layout_v<ChannelControl> && sizeof(ChannelControl) == 7 * kCacheLine);
+// The offsets that docs/format/ring.md gives.
+static_assert(offsetof(ChannelControl, tail) == 128 && offsetof(ChannelControl, head) == 256 &&
+              offsetof(ChannelControl, clientState) == 384 && offsetof(ChannelControl, serverState) == 512 &&
+              offsetof(ChannelControl, clientBell) == 640 && offsetof(ChannelControl, mailbox) == 768);
 
 struct alignas(kCacheLine) BlockLine {
   std::atomic<uint64_t> state;
@@ -107,7 +111,8 @@ struct ServerBoardControl {
   LonelyWord<uint32_t> serverState;  // SideState
   Doorbell bell;
 };
-static_assert(std::is_standard_layout_v<ServerBoardControl> && sizeof(ServerBoardControl) == 3 * kCacheLine);
+static_assert(std::is_standard_layout_v<ServerBoardControl> && sizeof(ServerBoardControl) == 3 * kCacheLine &&
+              offsetof(ServerBoardControl, serverState) == 128 && offsetof(ServerBoardControl, bell) == 256);
 
 /// Equal in two builds exactly when they agree about every byte above.
 constexpr uint64_t channelFingerprint() {
