@@ -195,8 +195,9 @@ void Lexer::lexWord() {
     while (classOf(*p) == kWordChar) ++p;
     if (p < end_) break;
     const size_t length = size_t(p - cur_);
-    if (!refill(cur_)) break;
+    const bool more = refill(cur_);  // moves the bytes even when nothing follows
     p = cur_ + length;
+    if (!more) break;
   }
   text_.assign(cur_, p);
   cur_ = p;
@@ -279,16 +280,23 @@ void Lexer::lexNumber() {
     }
     if (p < end_) break;
     const size_t length = size_t(p - cur_);
-    if (!refill(cur_)) break;
+    const bool more = refill(cur_);  // moves the bytes even when nothing follows
     p = cur_ + length;
+    if (!more) break;
   }
   const char* first = *cur_ == '+' ? cur_ + 1 : cur_;
   const auto r = fast_float::from_chars(first, p, number_);
   const bool complete = r.ptr == p && p > first && !(first > cur_ && *first == '-');
   if (!complete || classOf(*p) == kWordChar) {
-    while (p < end_ && classOf(*p) == kWordChar) ++p;
-    bad(fmt::format("\"{}\" is not a number",
-                    std::string_view(cur_, size_t(std::min<ptrdiff_t>(p - cur_, 40)))));
+    for (;;) {
+      while (classOf(*p) == kWordChar) ++p;
+      if (p < end_) break;
+      const size_t length = size_t(p - cur_);
+      const bool more = refill(cur_);  // moves the bytes even when nothing follows
+      p = cur_ + length;
+      if (!more) break;
+    }
+    bad(fmt::format("\"{}\" is not a number", std::string_view(cur_, std::min<size_t>(size_t(p - cur_), 40))));
     cur_ = p;
     return;
   }

@@ -98,6 +98,7 @@ bool Lexer::defineBinary(unsigned char code) {
 bool Lexer::lexBinary(unsigned char code) {
   const auto cut = [this] {
     bad("the file ends inside a binary token");
+    cur_ = end_;
     return true;
   };
   if (code == 0xff) {  // stays there: the stream is over for this reader

@@ -405,6 +405,7 @@ void RequestParser::request() {
 
 Result<void> RequestParser::run() {
   next();
+  flushComments();
   while (!stopped_) {
     const TokenKind kind = lexer_.kind();
     if (kind == TokenKind::kRequest) {
