@@ -126,7 +126,11 @@ enum class ErrorMode { kIgnore, kPrint, kAbort };
 void report(const Error& e);
 template <class... Args>
 void reportWarning(RiError code, fmt::format_string<Args...> f, Args&&... args) {
-  report(Error{code, Severity::kWarning, {}, fmt::format(f, std::forward<Args>(args)...)});
+  Error e;  // not one aggregate: GCC 12 takes a throwing format() for a half-built Error and warns
+  e.code = code;
+  e.severity = Severity::kWarning;
+  e.message = fmt::format(f, std::forward<Args>(args)...);
+  report(e);
 }
 /// Reports only the first time that `key` is seen in this process: one message, not one per pixel.
 void reportOnce(std::string_view key, const Error& e);
