@@ -12,7 +12,7 @@ namespace fr::ri {
 std::vector<std::string> parseSearchPath(std::string_view text, const std::vector<std::string>& previous,
                                          const std::vector<std::string>& standard);
 
-/// The first readable file `name` in `folders`; absolute names (and "./", "../") stand for themselves. "" =
+/// The first readable regular file `name` in `folders`; absolute names (and "./", "../") stand for themselves. "" =
 /// not found.
 std::string findFile(std::string_view name, const std::vector<std::string>& folders);
 
