@@ -111,7 +111,9 @@ enum AttributeFlags : uint32_t {
   kMatte = 1,
   kSmoothShading = 2,       // ShadingInterpolation "smooth"
   kReverseOrientation = 4,  // outcome of Orientation/ReverseOrientation against the handedness of the CTM:
-                            // set when N = dPdu x dPdv (current space) has to be flipped
+                            // set when N = dPdu x dPdv has to be flipped, both taken in current = camera space. (In
+                            // cache space the product is flipped once more when world to camera mirrors.) Polygons:
+                            // dPdu x dPdv stands for (v1 - v0) x (v2 - v0).
   kRayDisplacements = 8,    // rays see the displaced surface (default); clear: undisplaced
   kDoubleShaded = 16,
   kReverseInCacheSpace = 32,  // the same outcome for dPdu x dPdv computed in cache space (differs from kReverseOrientation
@@ -199,7 +201,7 @@ struct alignas(64) PatchNode {
   uint8_t du, dv;
   uint8_t edgeRootDepth[4];  // depth of the dyadic interval that each border (v0, u1, v1, u0) was created with
   uint16_t pad;
-  Box3f bound;             // cache space, displacement included
+  Box3f bound;             // cache space, displacement included (by its declared bound; GridRecord::bound is measured)
   uint32_t pad2[2];
 };
 static_assert(sizeof(PatchNode) == 64);
@@ -223,8 +225,10 @@ struct alignas(64) GridRecord {
   uint64_t indices;     // meshlet triangles, 0: none
   float deviation[kLevels];  // largest measured distance of stride 2^i to the stride-1 surface (index 0: to the true one)
   float cellSize;       // longest cell diagonal at stride 1
-  Box3f bound;
-  uint32_t pad[2];
+  Box3f bound;          // of these vertices, all keys; honest even when a displacement went beyond its bound
+  uint8_t edgeShift[4];  // kGrid: along borders v0, u1, v1, u0 only every 2^edgeShift-th vertex of the border's line is
+                         // kept, the others collapse onto the next lower one (neighbours then agree)
+  uint32_t pad;
 };
 inline constexpr uint8_t kGridHasNormals = 1;
 

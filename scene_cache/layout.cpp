@@ -56,7 +56,7 @@ uint64_t compute() {
   FR_AT(GridRecord, levels), FR_AT(GridRecord, flags), FR_AT(GridRecord, nu), FR_AT(GridRecord, nv);
   FR_AT(GridRecord, rowStride), FR_AT(GridRecord, positions), FR_AT(GridRecord, keyBytes);
   FR_AT(GridRecord, normals), FR_AT(GridRecord, indices), FR_AT(GridRecord, deviation);
-  FR_AT(GridRecord, cellSize), FR_AT(GridRecord, bound);
+  FR_AT(GridRecord, cellSize), FR_AT(GridRecord, bound), FR_AT(GridRecord, edgeShift);
   FR_SIZE(CameraRecord), FR_AT(CameraRecord, worldToCamera), FR_AT(CameraRecord, projection);
   FR_AT(CameraRecord, fov), FR_AT(CameraRecord, screenWindow), FR_AT(CameraRecord, resolution);
   FR_AT(CameraRecord, pixelAspect), FR_AT(CameraRecord, frameAspect), FR_AT(CameraRecord, cropWindow);

@@ -1,0 +1,83 @@
+#include "scene_cache/dice_metric.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fr::cache {
+
+DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera) {
+  DiceEye e;
+  const double scale =
+      std::cbrt(std::abs(glm::determinant(DMat3(cacheToCamera))));  // camera units per world unit
+  const double unit = scale > 0 && std::isfinite(scale) ? scale : 1.0;
+  if (scale > 0 && std::isfinite(scale)) {
+    const DVec4 p = glm::inverse(cacheToCamera) * DVec4(0, 0, 0, 1);
+    e.position = DVec3(p) / p.w;
+  }
+  e.perspective = camera.projection == ProjectionType::kPerspective;
+  const double tangent =
+      e.perspective ? std::tan(std::clamp(double(camera.fov), 1e-3, 179.0) * (3.14159265358979323846 / 360))
+                    : 1.0 / unit;
+  const double px =
+      std::abs(double(camera.screenWindow[1]) - camera.screenWindow[0]) / std::max(1, camera.resolution[0]);
+  const double py =
+      std::abs(double(camera.screenWindow[3]) - camera.screenWindow[2]) / std::max(1, camera.resolution[1]);
+  e.pixel = std::sqrt(px * py) * tangent;
+  if (!(e.pixel > 0) || !std::isfinite(e.pixel)) e.pixel = 1e-3;
+  // A near plane of almost nothing must not ask for infinitely fine grids around the eye.
+  e.nearDistance = std::max(double(camera.clipping[0]), 1e-6) / unit;
+  if (!std::isfinite(e.nearDistance)) e.nearDistance = 1e-6;
+  return e;
+}
+
+DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType type) {
+  DiceRate r;
+  r.eye = Vec3(eye.position);
+  r.perspective = eye.perspective;
+  const double nearest = std::max(eye.nearDistance, 1e-15);
+  r.nearSquared = float(nearest * nearest);
+  const double shadingRate = a.shadingRate > 0 && std::isfinite(a.shadingRate) ? a.shadingRate : 1.0;
+  // Several samples a pixel need no finer micropolygons: below a hundredth of a pixel a rate is a mistake.
+  const double side = eye.pixel * std::max(std::sqrt(shadingRate), 0.01);
+  const double multiplier =
+      std::clamp(std::isfinite(a.patchMultiplier) ? double(a.patchMultiplier) : 1.0, 1.0, 64.0);
+  r.scale = float(multiplier / side);
+  r.polygon = type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets;
+  if (type <= PrimitiveType::kTorus) r.leastLog2 = 2;
+  return r;
+}
+
+float DiceRate::segment(Vec3 a, Vec3 b) const {
+  // In a fixed order, so that a curve and its reverse get the same bits.
+  const bool swap = a.x != b.x ? b.x < a.x : a.y != b.y ? b.y < a.y : b.z < a.z;
+  if (swap) std::swap(a, b);
+  const Vec3 d = b - a;
+  const float square = glm::dot(d, d);
+  if (!perspective) return std::sqrt(square) * scale;
+  const Vec3 e = eye - a;
+  const float t = square > 0 ? std::clamp(glm::dot(e, d) / square, 0.0f, 1.0f) : 0.0f;
+  const Vec3 nearest = e - d * t;
+  const float distance = std::max(glm::dot(nearest, nearest), nearSquared);
+  return std::sqrt(square / distance) * scale;
+}
+
+float DiceRate::curve(const float* x, const float* y, const float* z, size_t stride) const {
+  float largest = 0;
+  Vec3 last(x[0], y[0], z[0]);
+  for (int i = 1; i <= kMetricSteps; ++i) {
+    const size_t k = size_t(i) * stride;
+    const Vec3 p(x[k], y[k], z[k]);
+    largest = std::max(largest, segment(last, p));
+    last = p;
+  }
+  return largest * float(kMetricSteps);
+}
+
+int DiceRate::log2Segments(float metric) const {
+  if (!(metric > (polygon ? kUndicedEdge : 1.0f))) return leastLog2;
+  int e = std::max(1, leastLog2);
+  while (e < 30 && float(1u << e) < metric) ++e;
+  return e;
+}
+
+}  // namespace fr::cache

@@ -1,0 +1,45 @@
+// How finely curves are diced: size over distance, never direction, so that a grid does not depend on who
+// asks for it.
+#pragma once
+
+#include "base/math.h"
+#include "scene_cache/format.h"
+
+namespace fr::cache {
+
+/// The eye in cache space and how large a pixel is.
+struct DiceEye {
+  DVec3 position{0};
+  bool perspective = true;
+  double pixel = 1e-3;         // edge of a pixel in world units, at distance 1 (orthographic: everywhere)
+  double nearDistance = 1e-3;  // distances count as at least this
+};
+/// cacheToCamera at shutter open.
+DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
+
+/// Steps of a curve's sampling: 8 equal parameter steps.
+inline constexpr int kMetricSteps = 8;
+/// Faces whose edges are no longer than this, in micropolygons, are not diced; edges of polygons likewise.
+inline constexpr float kUndicedEdge = 1.5f;
+
+/// Everything that turns lengths into micropolygons for one object.
+struct DiceRate {
+  Vec3 eye{0};
+  bool perspective = true;
+  float nearSquared = 0;
+  float scale = 1;       // micropolygons = length / distance * scale
+  bool polygon = false;  // kUndicedEdge applies
+  /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
+  int leastLog2 = 0;
+
+  /// Length of a straight piece in micropolygons; symmetric in a and b bit by bit.
+  float segment(Vec3 a, Vec3 b) const;
+  /// Metric of a curve from its kMetricSteps + 1 points: the largest piece times the number of pieces.
+  /// Symmetric.
+  float curve(const float* x, const float* y, const float* z, size_t stride = 1) const;
+  /// Segments of an edge with this metric, as a power of two; may be above kMaxGridLog2.
+  int log2Segments(float metric) const;
+};
+DiceRate diceRate(const DiceEye& eye, const AttributeRecord& attributes, PrimitiveType type);
+
+}  // namespace fr::cache

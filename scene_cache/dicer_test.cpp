@@ -1,0 +1,268 @@
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <unordered_map>
+
+#include "base/random.h"
+#include "scene_cache/dice_scene.h"
+
+namespace fr::cache {
+namespace {
+
+using Key = std::array<uint32_t, 3>;
+Key keyOf(const float* p) {
+  Key k;
+  for (int i = 0; i < 3; ++i) {
+    const float x = p[i] + 0.0f;  // -0 and 0 are one place
+    std::memcpy(&k[size_t(i)], &x, 4);
+  }
+  return k;
+}
+
+struct KeyHash {
+  size_t operator()(const Key& k) const { return size_t(hashStep(hashStep(k[0], k[1]), k[2])); }
+};
+
+struct EdgeCount {
+  size_t edges = 0, open = 0, crowded = 0, faces = 0, grids = 0, splits = 0;
+  std::string example;
+};
+
+/// Edges of all micropolygons after merging vertices with equal bits; cells without area are left out.
+EdgeCount countEdges(DiceScene& scene) {
+  std::unordered_map<Key, uint32_t, KeyHash> ids;
+  std::vector<Key> places;
+  std::unordered_map<uint64_t, int> uses;
+  EdgeCount r;
+  const auto vertex = [&](const float* p) {
+    const auto [it, fresh] = ids.try_emplace(keyOf(p), uint32_t(ids.size()));
+    if (fresh) places.push_back(it->first);
+    return it->second;
+  };
+  const auto face = [&](std::vector<uint32_t> v) {
+    std::vector<uint32_t> loop;
+    for (uint32_t x : v) {
+      if (loop.empty() || loop.back() != x) loop.push_back(x);
+    }
+    while (loop.size() > 1 && loop.front() == loop.back()) loop.pop_back();
+    if (loop.size() < 3) return;
+    ++r.faces;
+    for (size_t i = 0; i < loop.size(); ++i) {
+      const uint32_t a = loop[i], b = loop[(i + 1) % loop.size()];
+      ++uses[uint64_t(std::min(a, b)) << 32 | std::max(a, b)];
+    }
+  };
+  scene.forEachGrid([&](NodeId id, const GridRecord& g) {
+    ++r.grids;
+    const GridView v = scene.cache->view(g);
+    r.splits += scene.cache->node(id).du + scene.cache->node(id).dv > 0;
+    if (g.kind == GridKind::kMeshlet) {
+      for (int t = 0; t < g.nv; ++t) {
+        face({vertex(v.positions + v.indices[t * 3] * 3), vertex(v.positions + v.indices[t * 3 + 1] * 3),
+              vertex(v.positions + v.indices[t * 3 + 2] * 3)});
+      }
+      return;
+    }
+    const auto at = [&](int i, int j) {
+      return vertex(v.positions + (size_t(j) * g.rowStride + size_t(i)) * 3);
+    };
+    for (int j = 0; j < g.nv; ++j) {
+      for (int i = 0; i < g.nu; ++i) face({at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
+    }
+  });
+  for (const auto& [edge, n] : uses) {
+    ++r.edges;
+    if (n == 2) continue;
+    // Two collapsed triangles may lie on one another; an even number still closes the surface.
+    ++(n % 2 ? r.open : r.crowded);
+    if (n % 2 && r.example.empty()) {
+      float p[6];
+      std::memcpy(p, &places[size_t(edge >> 32)], 12);
+      std::memcpy(p + 3, &places[size_t(edge & 0xffffffffu)], 12);
+      r.example = fmt::format("({} {} {}) - ({} {} {}) used {}", p[0], p[1], p[2], p[3], p[4], p[5], n);
+    }
+  }
+  return r;
+}
+
+void expectWatertight(const std::string& name, const std::string& body,
+                      std::initializer_list<double> distances, double shadingRate = 1) {
+  for (const double d : distances) {
+    DiceScene scene(diceWorld(diceCamera(d, shadingRate, 40), body));
+    ASSERT_TRUE(scene.cache) << name;
+    const EdgeCount c = countEdges(scene);
+    EXPECT_EQ(c.open, 0u) << name << " at " << d << ": " << c.example << ", " << c.edges << " edges, "
+                          << c.faces << " faces, " << c.grids << " grids, " << c.splits
+                          << " of them from splits";
+    EXPECT_LE(c.crowded, c.edges / 50) << name << " at " << d;
+    EXPECT_GT(c.faces, 3u) << name << " at " << d;
+  }
+}
+
+// Distances at which the near side is much finer than the far side, so that patches split unevenly.
+const auto kDistances = {1.05, 1.3, 3.0, 10.0, 300.0};
+
+TEST(Watertight, Sphere) { expectWatertight("sphere", "Sphere 1 -1 1 360", kDistances); }
+TEST(Watertight, TurnedSphere) {
+  expectWatertight("sphere", "Rotate 77 1 2 3 Scale 1 0.5 0.9 Sphere 1 -1 1 360", {0.95, 1.3, 3, 20});
+}
+TEST(Watertight, Torus) {
+  expectWatertight("torus", "Rotate 50 1 0.3 0 Torus 0.8 0.3 0 360 360", {0.75, 1.1, 4, 50});
+}
+TEST(Watertight, CappedCylinder) {
+  expectWatertight("cylinder",
+                   "Rotate 70 1 0.4 0 Cylinder 0.5 -0.7 0.7 360 Disk -0.7 0.5 360 Disk 0.7 0.5 360",
+                   {0.8, 1.1, 4, 50});
+}
+TEST(Watertight, CappedConeAndHemisphere) {
+  expectWatertight("cone", "Rotate 110 1 0.4 0 Cone 1 0.5 360 Sphere 0.5 -0.5 0 360", {0.8, 1.1, 4, 50});
+}
+
+// The eight octants of a sphere as rational bicubic patches would need weights; a closed box of bicubic
+// patches with bulges serves as well: each face is a separate primitive with its parameters in another
+// direction.
+std::string bicubicBox(bool transpose) {
+  const auto corner = [](int axis, int side, double a, double b) {
+    double p[3];
+    p[axis] = side ? 1 : -1, p[(axis + 1) % 3] = a, p[(axis + 2) % 3] = b;
+    // Pulls the cube's surface towards the sphere, the same way from every face.
+    const double l = std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    const double k = 0.4 + 0.6 / l + 0.1 * std::sin(5 * p[0] + 3 * p[1] * p[1] + 2 * p[2]);
+    return std::array<double, 3>{p[0] * k, p[1] * k, p[2] * k};
+  };
+  std::string rib;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int side = 0; side < 2; ++side) {
+      rib += "Patch \"bicubic\" \"P\" [";
+      for (int j = 0; j < 4; ++j) {
+        for (int i = 0; i < 4; ++i) {
+          double a = -1 + 2 * i / 3.0, b = -1 + 2 * j / 3.0;
+          if (side != 0) a = -a;
+          if (axis == 1) std::swap(a, b);
+          if (transpose && axis == 2) b = -b;
+          const auto p = corner(axis, side, std::round(a * 3) / 3, std::round(b * 3) / 3);
+          rib += fmt::format("{:.6f} {:.6f} {:.6f} ", p[0], p[1], p[2]);
+        }
+      }
+      rib += "]\n";
+    }
+  }
+  return rib;
+}
+TEST(Watertight, SeparateBicubicPatches) {
+  for (const bool transpose : {false, true}) {
+    expectWatertight("box", "Rotate 33 1 2 0.5\n" + bicubicBox(transpose), {1.05, 1.3, 3, 10, 100});
+  }
+}
+TEST(Watertight, CoarseShadingRates) {
+  for (const double rate : {0.4, 7.0, 100.0}) {
+    expectWatertight("sphere", "Sphere 1 -1 1 360", {1.05, 1.5, 4}, rate);
+    expectWatertight("box", bicubicBox(true), {1.3, 1.5, 4}, rate);
+  }
+}
+
+// ---- grids
+
+TEST(Grid, StridesUseTheGridsOwnVertices) {
+  DiceScene scene(diceWorld(diceCamera(3), "Sphere 1 -1 1 360"));
+  size_t grids = 0;
+  scene.forEachGrid([&](NodeId, const GridRecord& g) {
+    ++grids;
+    const auto arena = scene.cache->arena();
+    EXPECT_EQ(g.positions % kPositionAlign, 0u);
+    for (int level = 0; level < g.levels; ++level) {
+      const size_t k = size_t(1) << level;
+      EXPECT_EQ(g.nu % k, 0u);
+      EXPECT_EQ(g.nv % k, 0u);
+      // As Embree addresses it: byte stride 12 k, the same row stride, first vertex positions / (12 k).
+      EXPECT_EQ(g.positions % (12 * k), 0u);
+      const size_t last = g.positions + 12 * k * (g.nv / k * g.rowStride + g.nu / k);
+      EXPECT_LE(last + 12, g.positions + 12 * (size_t(g.rowStride) * g.nv + g.nu + 1));
+      EXPECT_LT(last + 12 + 64, arena.size());
+    }
+    EXPECT_GE(g.levels, 1);
+  });
+  EXPECT_GT(grids, 4u);
+}
+
+TEST(Grid, DeviationOfTheUnitSphere) {
+  DiceScene scene(diceWorld(diceCamera(4), "Sphere 1 -1 1 360"));
+  scene.forEachGrid([&](NodeId id, const GridRecord& g) {
+    const PatchNode& n = scene.cache->node(id);
+    for (int level = 0; level < g.levels; ++level) {
+      // Sagitta of the longest coarse steps: latitude of pi / (nv 2^dv), longitude of 2 pi / (nu 2^du) on the
+      // equator.
+      const double k = double(1 << level);
+      const double a = M_PI * k / (g.nv * std::ldexp(1.0, n.dv)),
+                   b = 2 * M_PI * k / (g.nu * std::ldexp(1.0, n.du));
+      const double most = (1 - std::cos(a / 2)) + (1 - std::cos(b / 2));
+      const double fine = level == 0 ? 0 : most / k / k * 2;
+      EXPECT_LE(double(g.deviation[level]), 1.6 * most + 1e-6) << level;
+      if (level == 1) {
+        EXPECT_GE(double(g.deviation[level]), 0.5 * (1 - std::cos(a / 2)) - fine) << level;
+      }
+    }
+  });
+}
+
+TEST(Grid, EveryVertexLiesOnTheSphereAndInItsBounds) {
+  DiceScene scene(diceWorld(diceCamera(1.2, 1, 64), "Sphere 1 -1 1 360"));
+  const DVec3 origin = scene.cache->skeleton().header().cacheOrigin;
+  size_t vertices = 0;
+  scene.forEachGrid([&](NodeId id, const GridRecord& g) {
+    const GridView v = scene.cache->view(g);
+    const Box3f node = scene.cache->node(id).bound;
+    std::vector<float> u(v.vertexCount()), w(v.vertexCount());
+    std::vector<uint32_t> cell(v.vertexCount());
+    scene.cache->vertexParameters(g, cell.data(), u.data(), w.data());
+    for (int j = 0; j <= g.nv; ++j) {
+      for (int i = 0; i <= g.nu; ++i, ++vertices) {
+        const float* p = v.positions + (size_t(j) * g.rowStride + size_t(i)) * 3;
+        EXPECT_NEAR(glm::length(DVec3(p[0], p[1], p[2]) + origin), 1.0, 1e-6);
+        for (int c = 0; c < 3; ++c) {
+          EXPECT_GE(p[c], node.min[c]);
+          EXPECT_LE(p[c], node.max[c]);
+        }
+        const size_t k = size_t(j * (g.nu + 1) + i);
+        const double theta = 2 * M_PI * u[k], phi = M_PI * (w[k] - 0.5);
+        EXPECT_NEAR(p[2] + origin.z, std::sin(phi), 1e-6);
+        EXPECT_NEAR(p[0] + origin.x, std::cos(phi) * std::cos(theta), 1e-6);
+      }
+    }
+  });
+  EXPECT_GT(vertices, 1000u);
+}
+
+TEST(Grid, MicropolygonsAreAboutAPixel) {
+  DiceScene scene(diceWorld(diceCamera(3), "Sphere 1 -1 1 360"));
+  const auto area = [&] {
+    double total = 0;
+    scene.forEachGrid([&](NodeId, const GridRecord& g) { total += double(g.nu) * g.nv; });
+    return total;
+  };
+  // 4 pi of solid area seen from about 3: pixel edge 3 tan(20 deg) * 2 / 256.
+  const double pixel = 2.6 * std::tan(20 * M_PI / 180) * 2 / 256;
+  const double needed = 4 * M_PI / (pixel * pixel);
+  EXPECT_GT(area(), needed * 0.5);
+  EXPECT_LT(area(), needed * 6);
+}
+
+TEST(Grid, DoesNotDependOnViewDirection) {
+  const auto grids = [](const std::string& turn) {
+    DiceScene scene(
+        diceWorld("Format 256 256 1 Projection \"perspective\" \"fov\" [40] " + turn + " Translate 0 0 3",
+                  "Sphere 1 -1 1 360"));
+    size_t n = 0;
+    scene.forEachGrid([&](NodeId, const GridRecord& g) { n += size_t(g.nu) * g.nv; });
+    return n;
+  };
+  EXPECT_EQ(grids(""), grids("Rotate 180 0 1 0"));
+}
+
+}  // namespace
+}  // namespace fr::cache

@@ -1,0 +1,56 @@
+// Subdivision surfaces: limit evaluation through OpenSubdiv (Far), refined lazily, once per object and
+// process.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "base/math.h"
+#include "scene_cache/cache.h"
+#include "scene_cache/primitive_source.h"
+
+namespace fr::cache {
+
+/// Control mesh as plain arrays, checked by whoever fills it (indices in range).
+struct SubdivisionMeshData {
+  SubdivisionScheme scheme = SubdivisionScheme::kCatmullClark;
+  uint32_t interpolateBoundary = 0;
+  uint32_t faceVaryingInterpolateBoundary = 0;
+  uint32_t vertexCount = 0;
+  std::span<const uint32_t> faceSizes, faceVertices;
+  std::span<const uint32_t> creaseVertices, cornerVertices, holes;
+  std::span<const float> creaseSharpness, cornerSharpness;
+};
+
+class SubdivisionTopology;
+
+/// A refined mesh with its points in cache space at one time. Thread-safe to read.
+class SubdivisionSurface {
+ public:
+  /// Parameters are those of the root patch (SubdivisionPatch).
+  Vec3 point(uint32_t patch, float u, float v) const;
+  Vec3 derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const;
+  Box3f bound(uint32_t patch) const;
+
+  std::shared_ptr<const SubdivisionTopology> topology;
+  std::vector<float> points;  // xyz of control, refined and local patch points
+};
+
+/// The process's refined meshes. Thread-safe.
+class SubdivisionStore {
+ public:
+  explicit SubdivisionStore(const Skeleton& skeleton);
+  ~SubdivisionStore();
+  /// Surface of an object at `time`, or nullptr when its source is damaged. Stays valid as long as the store.
+  const SubdivisionSurface* surface(ObjectId object, float time);
+  /// A varying, vertex, facevarying or uniform variable, rows of `width` floats, at n points of a root patch.
+  bool evaluate(ObjectId object, uint32_t patch, const ParamRecord& param, std::span<const float> values,
+                uint32_t width, size_t n, const float* u, const float* v, float* const* out);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fr::cache
