@@ -2,10 +2,15 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "base/error.h"
 
 namespace fr {
+
+namespace {
+constexpr size_t kMostPooled = 16;
+}
 
 /// What the pixels of one tile contribute to the pixels around them.
 struct Film::Splats {
@@ -29,6 +34,14 @@ Film::Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::
   tilesX_ = (sampled_.width() + tileSize_ - 1) / tileSize_;
   tilesY_ = (sampled_.height() + tileSize_ - 1) / tileSize_;
   for (ChannelRule r : rules_) (r == ChannelRule::kFiltered ? filteredCount_ : minimumCount_)++;
+  if (filter_.separable()) {
+    // Weights by place within the pixel: evaluating filters would take longer than all the rest.
+    for (int i = 0; i < kWeightSteps; ++i) {
+      const float p = (float(i) + 0.5f) / float(kWeightSteps);
+      for (int d = -reachX_; d <= reachX_; ++d) weightsX_.push_back(filter_.evaluateX(p - (float(d) + 0.5f)));
+      for (int d = -reachY_; d <= reachY_; ++d) weightsY_.push_back(filter_.evaluateY(p - (float(d) + 0.5f)));
+    }
+  }
   const size_t n = size_t(tileCount());
   splats_.resize(n);
   missing_ = std::make_unique<std::atomic<int>[]>(n);
@@ -55,46 +68,76 @@ PixelRect Film::tileRect(int tile) const {
   return PixelRect{x, y, x + tileSize_, y + tileSize_}.clippedTo(sampled_);
 }
 
+namespace {
+
+/// Adds w * value for the samples of one pixel: `values` holds `entry` numbers a sample, the first of them 1.
+/// The fixed size is the common one (weight and RGBA), which compilers unroll.
+template <size_t kEntry>
+void addSamples(const float* wx, const float* wy, int samples, const float* values, size_t entry,
+                float* sum) {
+  const size_t n = kEntry ? kEntry : entry;
+  for (int i = 0; i < samples; ++i, values += n) {
+    const float w = wx[i] * wy[i];
+    for (size_t c = 0; c < n; ++c) sum[c] += w * values[c];
+  }
+}
+
+}  // namespace
+
 std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSamples& s) const {
-  auto out = std::make_unique<Splats>();
+  std::unique_ptr<Splats> out;
+  {
+    const std::lock_guard lock(poolMutex_);
+    if (!pool_.empty()) out = std::move(pool_.back()), pool_.pop_back();
+  }
+  if (!out) out = std::make_unique<Splats>();
   out->rect = rect;
   const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1, spp = s.samplesPerPixel;
-  const size_t entry = size_t(filteredCount_ + 1);
+  const size_t entry = size_t(filteredCount_ + 1), samples = size_t(spp);
   out->sums.assign(size_t(rect.area()) * size_t(columns * rows) * entry, 0.0f);
   out->minima.assign(size_t(rect.area()) * size_t(minimumCount_), std::numeric_limits<float>::infinity());
-  std::vector<float> wx(size_t(columns * spp)), wy(size_t(rows * spp));
+  std::vector<float> wx(size_t(columns) * samples), wy(size_t(rows) * samples, 1.0f),
+      values(samples * entry, 1.0f);
   const bool separable = filter_.separable();
   float* sum = out->sums.data();
   float* minimum = out->minima.data();
   for (long long pixel = 0; pixel < rect.area(); ++pixel) {
-    const size_t first = size_t(pixel) * size_t(spp);
-    // A target pixel d pixels to the right has its centre at d + 0.5.
-    if (separable) {
-      for (int d = 0; d < columns; ++d)
-        for (int i = 0; i < spp; ++i)
-          wx[size_t(d * spp + i)] = filter_.evaluateX(s.x[first + size_t(i)] - (float(d - reachX_) + 0.5f));
-      for (int d = 0; d < rows; ++d)
-        for (int i = 0; i < spp; ++i)
-          wy[size_t(d * spp + i)] = filter_.evaluateY(s.y[first + size_t(i)] - (float(d - reachY_) + 0.5f));
-    }
-    for (int ty = 0; ty < rows; ++ty)
-      for (int tx = 0; tx < columns; ++tx, sum += entry)
-        for (int i = 0; i < spp; ++i) {
-          const size_t k = first + size_t(i);
-          const float w = separable ? wx[size_t(tx * spp + i)] * wy[size_t(ty * spp + i)]
-                                    : filter_.evaluate(s.x[k] - (float(tx - reachX_) + 0.5f),
-                                                       s.y[k] - (float(ty - reachY_) + 0.5f));
-          if (w == 0) continue;
-          sum[0] += w;
-          size_t c = 1;
-          for (size_t r = 0; r < rules_.size(); ++r)
-            if (rules_[r] == ChannelRule::kFiltered) sum[c++] += w * s.channels[r][k];
-        }
+    const size_t first = size_t(pixel) * samples;
+    const float *px = s.x + first, *py = s.y + first;
+    size_t at = 1;
     for (size_t r = 0; r < rules_.size(); ++r) {
-      if (rules_[r] != ChannelRule::kMinimum) continue;
-      for (int i = 0; i < spp; ++i) *minimum = std::min(*minimum, s.channels[r][first + size_t(i)]);
-      ++minimum;
+      const float* from = s.channels[r] + first;
+      if (rules_[r] == ChannelRule::kFiltered) {
+        for (size_t i = 0; i < samples; ++i) values[i * entry + at] = from[i];
+        ++at;
+      } else {
+        for (size_t i = 0; i < samples; ++i) *minimum = std::min(*minimum, from[i]);
+        ++minimum;
+      }
     }
+    if (separable)
+      for (size_t i = 0; i < samples; ++i) {
+        const auto cell = [](float p) { return size_t(std::clamp(p, 0.0f, 0.9999f) * float(kWeightSteps)); };
+        const float* tx = weightsX_.data() + cell(px[i]) * size_t(columns);
+        const float* ty = weightsY_.data() + cell(py[i]) * size_t(rows);
+        for (int d = 0; d < columns; ++d) wx[size_t(d) * samples + i] = tx[d];
+        for (int d = 0; d < rows; ++d) wy[size_t(d) * samples + i] = ty[d];
+      }
+    for (int ty = 0; ty < rows; ++ty)
+      for (int tx = 0; tx < columns; ++tx, sum += entry) {
+        const float* weights = wx.data() + size_t(tx) * samples;
+        const float* others = wy.data() + size_t(ty) * samples;
+        if (!separable) {  // the whole weight in wx, wy is 1
+          for (size_t i = 0; i < samples; ++i)
+            wx[i] =
+                filter_.evaluate(px[i] - (float(tx - reachX_) + 0.5f), py[i] - (float(ty - reachY_) + 0.5f));
+          weights = wx.data();
+        }
+        if (entry == 5)
+          addSamples<5>(weights, others, spp, values.data(), entry, sum);
+        else
+          addSamples<0>(weights, others, spp, values.data(), entry, sum);
+      }
   }
   return out;
 }
@@ -106,21 +149,27 @@ FilmTile Film::gather(int tile) const {
   const size_t pixels = size_t(out.rect.area());
   out.channels.assign(rules_.size(), std::vector<float>(pixels));
   const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1;
-  const size_t entry = size_t(filteredCount_ + 1);
+  const size_t entry = size_t(filteredCount_ + 1), pixelEntries = size_t(columns * rows) * entry;
   std::vector<float> sum(entry);
+  // For each source column: its column of tiles and its place there.
+  std::vector<std::pair<int, size_t>> sources;
+  for (int sx = out.rect.x0 - reachX_; sx < out.rect.x1 + reachX_; ++sx)
+    sources.emplace_back((sx - sampled_.x0) / tileSize_, size_t((sx - sampled_.x0) % tileSize_));
   size_t k = 0;
   for (int y = out.rect.y0; y < out.rect.y1; ++y)
     for (int x = out.rect.x0; x < out.rect.x1; ++x, ++k) {
       std::fill(sum.begin(), sum.end(), 0.0f);
-      for (int sy = y - reachY_; sy <= y + reachY_; ++sy)
+      for (int sy = y - reachY_; sy <= y + reachY_; ++sy) {
+        const int tileRow = (sy - sampled_.y0) / tileSize_ * tilesX_;
         for (int sx = x - reachX_; sx <= x + reachX_; ++sx) {
-          const int from = (sy - sampled_.y0) / tileSize_ * tilesX_ + (sx - sampled_.x0) / tileSize_;
-          const Splats& s = *splats_[size_t(from)];
-          const size_t source = size_t(sy - s.rect.y0) * size_t(s.rect.width()) + size_t(sx - s.rect.x0);
+          const auto& [tileColumn, column] = sources[size_t(sx - out.rect.x0 + reachX_)];
+          const Splats& s = *splats_[size_t(tileRow + tileColumn)];
+          const size_t source = size_t(sy - s.rect.y0) * size_t(s.rect.width()) + column;
           const size_t target = size_t(y - sy + reachY_) * size_t(columns) + size_t(x - sx + reachX_);
-          const float* add = s.sums.data() + (source * size_t(columns * rows) + target) * entry;
+          const float* add = s.sums.data() + source * pixelEntries + target * entry;
           for (size_t c = 0; c < entry; ++c) sum[c] += add[c];
         }
+      }
       const float total =
           sum[0] != 0 ? sum[0] : 1.0f;  // divided, not multiplied by 1/total: full coverage is exactly 1
       const Splats& own = *splats_[size_t(tile)];
@@ -145,6 +194,8 @@ void Film::addTile(int tile, const TileSamples& samples, const Emit& emit) {
     forNeighbours(t, [&](int user) {
       if (users_[size_t(user)].fetch_sub(1, std::memory_order_acq_rel) != 1) return;
       bytesHeld_ -= splats_[size_t(user)]->bytes();
+      const std::lock_guard lock(poolMutex_);
+      if (pool_.size() < kMostPooled) pool_.push_back(std::move(splats_[size_t(user)]));
       splats_[size_t(user)].reset();
     });
     if (!done.rect.empty()) emit(std::move(done));

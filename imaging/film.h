@@ -10,6 +10,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "imaging/pixel_filter.h"
@@ -71,11 +72,19 @@ class Film {
   template <class F>
   void forNeighbours(int tile, F&& f) const;
 
+  /// Separable filters are tabulated: sample positions count as the middle of one of so many steps of a
+  /// pixel.
+  static constexpr int kWeightSteps = 512;
+
   PixelRect crop_, sampled_;
   PixelFilter filter_;
   std::vector<ChannelRule> rules_;
   int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, minimumCount_ = 0;
+  std::vector<float> weightsX_, weightsY_;  // [step][target]
   std::vector<std::unique_ptr<Splats>> splats_;
+  /// Used splats: their arrays are large enough that the system would map and clear fresh pages for each.
+  mutable std::mutex poolMutex_;
+  mutable std::vector<std::unique_ptr<Splats>> pool_;
   std::unique_ptr<std::atomic<int>[]>
       missing_;  // tiles of the neighbourhood (itself included) that have not come
   std::unique_ptr<std::atomic<int>[]> users_;  // tiles of the neighbourhood that are not filtered

@@ -49,14 +49,10 @@ SamplePattern patternOf(const cache::Skeleton& skeleton, uint32_t seed) {
   const auto axis = [](float n) {
     return std::isfinite(n) ? int(std::lround(std::clamp(n, 1.0f, kMostSamples))) : 2;
   };
-  SamplePattern p;
-  p.nx = axis(o.pixelSamples[0]), p.ny = axis(o.pixelSamples[1]);
   float jitter = 1;
   for (const char* name : {"jitter", "hider:jitter"})
     jitter = floatOption(skeleton, o.hiderParams, name, jitter);
-  p.jitter = jitter != 0;
-  p.seed = seed;
-  return p;
+  return SamplePattern(axis(o.pixelSamples[0]), axis(o.pixelSamples[1]), jitter != 0, seed);
 }
 
 /// Tiles along Hilbert's curve: neighbours in time are neighbours on the raster, so few tiles are half

@@ -8,6 +8,18 @@
 
 namespace fr::reyes {
 
+SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed) : nx_(nx), ny_(ny) {
+  period_ = !jitter ? 1 : perPixel() > 64 ? 32 : 64;
+  offsets_.clear();
+  const auto step = [](float p) { return int16_t(2 * int(p * float(kSubpixels / 2)) + 1); };
+  for (int pixel = 0; pixel < period_ * period_; ++pixel)
+    for (int s = 0; s < perPixel(); ++s) {
+      const Vec2 p = jitter ? sobolOwen2(uint32_t(s), uint32_t(hashStep(seed, uint64_t(pixel))))
+                            : Vec2((float(s % nx) + 0.5f) / float(nx), (float(s / nx) + 0.5f) / float(ny));
+      offsets_.push_back({step(p.x), step(p.y)});
+    }
+}
+
 void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, float farKey) {
   rect_ = rect;
   perPixel_ = pattern.perPixel();
@@ -20,19 +32,12 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
   for (int row = 0; row < rect.height(); ++row)
     for (int column = 0; column < rect.width(); ++column) {
       const size_t first = index(column, row);
-      const uint32_t seed = uint32_t(hashStep(
-          pattern.seed, uint64_t(uint32_t(rect.x0 + column)) | uint64_t(uint32_t(rect.y0 + row)) << 32));
-      for (int s = 0; s < perPixel_; ++s) {
-        Vec2 p;
-        if (pattern.jitter)
-          p = sobolOwen2(uint32_t(s), seed);
-        else
-          p = {(float(s % pattern.nx) + 0.5f) / float(pattern.nx),
-               (float(s / pattern.nx) + 0.5f) / float(pattern.ny)};
-        // Odd steps: a sample never lies on the border of a pixel, where images and crop windows end.
-        x[first + size_t(s)] = column * kSubpixels + 2 * int(p.x * float(kSubpixels / 2)) + 1;
-        y[first + size_t(s)] = row * kSubpixels + 2 * int(p.y * float(kSubpixels / 2)) + 1;
-        depth[first + size_t(s)] = farKey;
+      const SamplePattern::Offset* offset =
+          pattern.offsets().data() + pattern.first(rect.x0 + column, rect.y0 + row);
+      for (size_t i = first; i < first + size_t(perPixel_); ++i, ++offset) {
+        x[i] = column * kSubpixels + offset->x;
+        y[i] = row * kSubpixels + offset->y;
+        depth[i] = farKey;
       }
       if (column + 1 == rect.width())
         for (size_t i = first + size_t(perPixel_); i < size_t(row + 1) * size_t(rowStride_); ++i)
