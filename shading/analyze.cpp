@@ -8,16 +8,19 @@ bool writtenOnlyFromOs(const ShaderProgram& p) {
   for (const Instruction& in : p.code)
     for (uint32_t a : p.operands(in)) {
       const Symbol& s = p.symbol(a);
-      if ((a & kArgWritten) && s.storage == Storage::kGlobal && GlobalId(s.data) == GlobalId::k_Os) osWritten = true;
+      if ((a & kArgWritten) && s.storage == Storage::kGlobal && GlobalId(s.data) == GlobalId::k_Os)
+        osWritten = true;
     }
   for (const Instruction& in : p.code) {
     const auto operands = p.operands(in);
     for (size_t k = 0; k < operands.size(); ++k) {
       const Symbol& s = p.symbol(operands[k]);
-      if (!(operands[k] & kArgWritten) || s.storage != Storage::kGlobal || GlobalId(s.data) != GlobalId::k_Oi) continue;
+      if (!(operands[k] & kArgWritten) || s.storage != Storage::kGlobal || GlobalId(s.data) != GlobalId::k_Oi)
+        continue;
       if (in.op != Op::assign_t) return false;
       const Symbol& from = p.symbol(operands[1]);
-      const bool isOs = from.storage == Storage::kGlobal && GlobalId(from.data) == GlobalId::k_Os && !osWritten;
+      const bool isOs =
+          from.storage == Storage::kGlobal && GlobalId(from.data) == GlobalId::k_Os && !osWritten;
       const bool isOne = from.storage == Storage::kConstant && p.floats[from.data] >= 1 &&
                          p.floats[from.data + 1] >= 1 && p.floats[from.data + 2] >= 1;
       if (!isOs && !isOne) return false;
@@ -46,8 +49,10 @@ bool isShadowOrEnvironment(Op op) {
     case Op::shadow_f:
     case Op::shadow_t:
     case Op::shadow4_f:
-    case Op::shadow4_t: return true;
-    default: return false;
+    case Op::shadow4_t:
+      return true;
+    default:
+      return false;
   }
 }
 
@@ -75,13 +80,20 @@ void analyze(ShaderProgram& p) {
       case Op::msg_atmosphere:
       case Op::msg_lightsource:
       case Op::msg_incident:
-      case Op::msg_opposite: p.flags |= kProgramUsesMessages; break;
+      case Op::msg_opposite:
+        p.flags |= kProgramUsesMessages;
+        break;
       case Op::illuminate_begin:
       case Op::illuminate_cone_begin:
       case Op::solar_begin:
-      case Op::solar_cone_begin: lightStatement = true; break;
-      case Op::area: p.flags |= kProgramUsesDerivatives; break;
-      default: break;
+      case Op::solar_cone_begin:
+        lightStatement = true;
+        break;
+      case Op::area:
+        p.flags |= kProgramUsesDerivatives;
+        break;
+      default:
+        break;
     }
     for (uint32_t a : p.operands(in)) {
       const Symbol& s = p.symbol(a);
@@ -92,7 +104,8 @@ void analyze(ShaderProgram& p) {
   }
   if (p.writesGlobals & globalBit(GlobalId::k_Oi)) p.flags |= kProgramSetsOpacity;
   if (p.writesGlobals & globalBit(GlobalId::k_P)) p.flags |= kProgramMovesPoints;
-  if (p.readsGlobals & (globalBit(GlobalId::k_time) | globalBit(GlobalId::k_dtime))) p.flags |= kProgramReadsTime;
+  if (p.readsGlobals & (globalBit(GlobalId::k_time) | globalBit(GlobalId::k_dtime)))
+    p.flags |= kProgramReadsTime;
   if (p.type == ShaderType::kSurface && writtenOnlyFromOs(p)) p.flags |= kProgramOpaque;
   if (p.type == ShaderType::kLight && !lightStatement) p.flags |= kProgramAmbientLight;
 }

@@ -1,4 +1,5 @@
-// Syntax tree of an RSL file. Nodes live in the Ast's arenas; every pointer inside is to a node of the same Ast.
+// Syntax tree of an RSL file. Nodes live in the Ast's arenas; every pointer inside is to a node of the same
+// Ast.
 #pragma once
 
 #include <deque>
@@ -27,12 +28,12 @@ enum class ExprKind : uint8_t {
 
 struct Expr {
   ExprKind kind = ExprKind::kNumber;
-  SlType type = SlType::kVoid;   // kCast
-  bool hasSpace = false;         // kCast
-  bool channel = false;          // kCall: args[0][args[1]] is texture channel syntax; args[1] is the channel
+  SlType type = SlType::kVoid;  // kCast
+  bool hasSpace = false;        // kCast
+  bool channel = false;         // kCall: args[0][args[1]] is texture channel syntax; args[1] is the channel
   SourcePlace place;
   double number = 0;
-  std::string text;              // name, string, operator, space
+  std::string text;  // name, string, operator, space
   std::vector<Expr*> args;
   uint32_t depth = 1;
 };
@@ -44,7 +45,7 @@ struct Variable {
   bool output = false;
   bool isExtern = false;
   bool isArray = false;
-  Expr* length = nullptr;        // null in `a[]`
+  Expr* length = nullptr;  // null in `a[]`
   Expr* init = nullptr;
   std::string name;
   SourcePlace place;

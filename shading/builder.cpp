@@ -4,7 +4,10 @@
 
 namespace fr {
 
-ProgramBuilder::ProgramBuilder() { program.strings.emplace_back(); strings_.emplace("", 0); }
+ProgramBuilder::ProgramBuilder() {
+  program.strings.emplace_back();
+  strings_.emplace("", 0);
+}
 
 uint32_t ProgramBuilder::text(std::string_view s) {
   auto it = strings_.find(s);
@@ -130,7 +133,8 @@ uint32_t ProgramBuilder::result(Op op, SlType type, std::span<const uint32_t> in
       values[n++] = program.floats.data() + symbol(s).data;
     }
     float out[16];
-    if (n == inputs.size() && foldConstant(op, {values, n}, out)) return constantFloats(type, {out, slTypeFloats(type)});
+    if (n == inputs.size() && foldConstant(op, {values, n}, out))
+      return constantFloats(type, {out, slTypeFloats(type)});
   }
   const uint32_t t = temp(type);
   std::vector<uint32_t> operands{t};
@@ -141,11 +145,11 @@ uint32_t ProgramBuilder::result(Op op, SlType type, std::span<const uint32_t> in
 
 void ProgramBuilder::assign(uint32_t to, uint32_t from) {
   const Symbol& s = symbol(to);
-  const Op op = s.isArray()                   ? Op::assign_a
-                : s.type == SlType::kFloat    ? Op::assign_f
-                : isTriple(s.type)            ? Op::assign_t
-                : s.type == SlType::kMatrix   ? Op::assign_m
-                                              : Op::assign_s;
+  const Op op = s.isArray()                 ? Op::assign_a
+                : s.type == SlType::kFloat  ? Op::assign_f
+                : isTriple(s.type)          ? Op::assign_t
+                : s.type == SlType::kMatrix ? Op::assign_m
+                                            : Op::assign_s;
   emit(op, {to, from});
 }
 
@@ -173,7 +177,8 @@ Result<void> resolveJumps(ShaderProgram& p) {
       p.code[open.back().begin].jump = i;
       in.jump = open.back().begin;
       for (uint32_t b : open.back().breaks) p.code[b].jump = i;
-      for (uint32_t c : open.back().continues) p.code[c].jump = open.back().step != kNoIndex ? open.back().step : i;
+      for (uint32_t c : open.back().continues)
+        p.code[c].jump = open.back().step != kNoIndex ? open.back().step : i;
       open.pop_back();
     };
     const Op top = open.empty() ? Op::nop : open.back().op;
@@ -211,7 +216,8 @@ Result<void> resolveJumps(ShaderProgram& p) {
         open.back().middle = i;
         break;
       case Op::loop_step:
-        if (top != Op::loop_begin || open.back().middle == kNoIndex || open.back().step != kNoIndex) return bad(i);
+        if (top != Op::loop_begin || open.back().middle == kNoIndex || open.back().step != kNoIndex)
+          return bad(i);
         open.back().step = i;
         break;
       case Op::loop_end: {
@@ -272,7 +278,8 @@ Result<void> resolveJumps(ShaderProgram& p) {
         (in.op == Op::break_loop ? open[k - 1].breaks : open[k - 1].continues).push_back(i);
         break;
       }
-      default: break;
+      default:
+        break;
     }
   }
   if (!open.empty()) return bad(open.back().begin);

@@ -32,7 +32,9 @@ class ProgramBuilder {
 
   /// Appends an instruction. Operand bits follow from the operation's signature; optional pairs keep theirs.
   void emit(Op op, std::span<const uint32_t> operands);
-  void emit(Op op, std::initializer_list<uint32_t> operands) { emit(op, std::span(operands.begin(), operands.size())); }
+  void emit(Op op, std::initializer_list<uint32_t> operands) {
+    emit(op, std::span(operands.begin(), operands.size()));
+  }
   /// A new temporary with the operation's result, or a constant when all operands are and it can be folded.
   uint32_t result(Op op, SlType type, std::span<const uint32_t> inputs);
   uint32_t result(Op op, SlType type, std::initializer_list<uint32_t> inputs) {
@@ -49,8 +51,8 @@ class ProgramBuilder {
   std::map<GlobalId, uint32_t> globals_;
 };
 
-/// Evaluates a kOpFoldable operation on constants; inputs[i] points to the floats of the i-th input. False when this
-/// operation or these values cannot be folded (division by 0: the renderer shall warn).
+/// Evaluates a kOpFoldable operation on constants; inputs[i] points to the floats of the i-th input. False
+/// when this operation or these values cannot be folded (division by 0: the renderer shall warn).
 bool foldConstant(Op op, std::span<const float* const> inputs, float* out);
 
 /// Fills in every `jump`, or says what does not nest. Run it after each change of the code's order.

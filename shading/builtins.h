@@ -21,17 +21,19 @@ enum class Lowering : uint8_t {
   kTransform,     // transform family; extra: 0 point, 1 vector, 2 normal
   kMTransform,
   kCTransform,
-  kAverage,       // float of a color operation
+  kAverage,  // float of a color operation
   kSpline,
-  kTexture,       // texture, environment, shadow, bump
-  kPhotonMap,     // N = 0 when not given
+  kTexture,    // texture, environment, shadow, bump
+  kPhotonMap,  // N = 0 when not given
   kBake3d,
 };
 
-/// Characters of `result`: f m s; c p v n; x nothing; t any triple the context wants; T type of the T arguments.
-/// Characters of `arguments`: f m s; c p v n triples; t any triple; T triples that give the result its type;
-/// o written float, O written triple, ! variable of any type; a array of floats; A array of triples; ? any value;
-/// + any number more like the one before; * optional "name", value pairs; . anything (checked by the lowering).
+/// Characters of `result`: f m s; c p v n; x nothing; t any triple the context wants; T type of the T
+/// arguments. Characters of `arguments`: f m s; c p v n triples; t any triple; T triples that give the result
+/// its type; o written float, O written triple, ! variable of any type; a array of floats; A array of
+/// triples; ? any value;
+/// + any number more like the one before; * optional "name", value pairs; . anything (checked by the
+/// lowering).
 struct Builtin {
   std::string_view name;
   std::string_view result;

@@ -88,7 +88,8 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   preprocessing.includePaths = options.includePaths;
   preprocessing.defines = options.defines;
   const bool complete = preprocess(fileName, text, preprocessing, source, diagnostics);
-  // What there is of the text still tells of further errors, unless an #include is missing: then all is unknown.
+  // What there is of the text still tells of further errors, unless an #include is missing: then all is
+  // unknown.
   if (!complete) return diagnostics.firstError(what);
   const uint64_t hash = hashOf(source, options);
   const size_t fileCount = source.files.size();
@@ -112,8 +113,12 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
 
   const LowerInput input{&source, &file, &prelude, &diagnostics, &noLint, options.lint};
   if (file.shaders.empty() && !diagnostics.hasErrors())
-    diagnostics.add({Severity::kError, RiError::kSyntax, {fileName, 0, 0}, "there is no shader in this file",
-                     "a shader begins with surface, light, displacement, volume or imager", ""});
+    diagnostics.add({Severity::kError,
+                     RiError::kSyntax,
+                     {fileName, 0, 0},
+                     "there is no shader in this file",
+                     "a shader begins with surface, light, displacement, volume or imager",
+                     ""});
   const PassContext context{&source, &diagnostics, &noLint, options.lint};
   std::vector<ShaderProgram> programs;
   for (const ast::Shader& shader : file.shaders) {
@@ -129,8 +134,12 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
     if (Result<void> r = finish(p, options, context); !r) {
       // Every reason but a broken rule of the language is a fault of the compiler or a limit.
       if (diagnostics.errorCount() == errors)
-        diagnostics.add({Severity::kError, r.error().code == RiError::kLimit ? RiError::kLimit : RiError::kBug,
-                         {fileName, 0, 0}, fmt::format("shader '{}': {}", p.name, r.error().message), "", ""});
+        diagnostics.add({Severity::kError,
+                         r.error().code == RiError::kLimit ? RiError::kLimit : RiError::kBug,
+                         {fileName, 0, 0},
+                         fmt::format("shader '{}': {}", p.name, r.error().message),
+                         "",
+                         ""});
       continue;
     }
     programs.push_back(std::move(p));
@@ -142,7 +151,8 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   return programs;
 }
 
-Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOptions& options, Diagnostics& diagnostics) {
+Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOptions& options,
+                                        Diagnostics& diagnostics) {
   Result<std::string> text = readSourceFile(path);
   if (!text) {
     diagnostics.add({Severity::kError, text.error().code, {path, 0, 0}, text.error().message, "", ""});

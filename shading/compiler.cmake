@@ -6,3 +6,4 @@ fr_library(fr_slc
           shader_library.cpp
   DEPS fr_base
   PRIVATE_DEPS fmt::fmt Boost::wave)
+fr_test(compiler_test SOURCES compiler_test.cpp slx_test.cpp DEPS fr_slc)

@@ -5,9 +5,12 @@
 namespace fr {
 
 std::string Diagnostic::str() const {
-  const char* kind = severity >= Severity::kError ? "error" : severity == Severity::kWarning ? "warning" : "note";
+  const char* kind = severity >= Severity::kError     ? "error"
+                     : severity == Severity::kWarning ? "warning"
+                                                      : "note";
   const std::string place = where.str();
-  std::string r = place.empty() ? fmt::format("{}: {}\n", kind, message) : fmt::format("{}: {}: {}\n", place, kind, message);
+  std::string r = place.empty() ? fmt::format("{}: {}\n", kind, message)
+                                : fmt::format("{}: {}: {}\n", place, kind, message);
   if (!sourceLine.empty()) {
     r += "  " + sourceLine + "\n";
     if (where.column > 0 && size_t(where.column) <= sourceLine.size() + 1) {
@@ -48,7 +51,8 @@ Error Diagnostics::firstError(std::string_view what) const {
   return makeError(RiError::kBug, "{}: failed without a message", what);
 }
 
-NearestWord::NearestWord(std::string_view word) : word_(word), distance_(word.size() < 3 ? 2 : word.size() / 3 + 2) {}
+NearestWord::NearestWord(std::string_view word)
+    : word_(word), distance_(word.size() < 3 ? 1 : word.size() / 3 + 2) {}
 
 void NearestWord::offer(std::string_view c) {
   if (c.size() > 64 || word_.size() > 64) return;
@@ -69,6 +73,8 @@ void NearestWord::offer(std::string_view c) {
   }
 }
 
-std::string NearestWord::hint() const { return best_.empty() ? "" : fmt::format("did you mean '{}'?", best_); }
+std::string NearestWord::hint() const {
+  return best_.empty() ? "" : fmt::format("did you mean '{}'?", best_);
+}
 
 }  // namespace fr

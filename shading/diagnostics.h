@@ -28,7 +28,8 @@ struct Diagnostic {
   std::string str() const;
 };
 
-/// Collects all problems of a file in source order of discovery. The same message at the same place is kept once.
+/// Collects all problems of a file in source order of discovery. The same message at the same place is kept
+/// once.
 class Diagnostics {
  public:
   static constexpr size_t kMaxKept = 200;

@@ -116,7 +116,7 @@ struct Instruction {
   uint16_t argCount = 0;
   uint32_t firstArg = 0;     // index into args
   uint32_t jump = kNoIndex;  // control flow: index of the matching instruction (docs/format/bytecode.md)
-  uint32_t where = 0;  // source place, see packPlace()
+  uint32_t where = 0;        // source place, see packPlace()
   uint32_t file() const { return where >> 24; }
   uint32_t line() const { return (where >> 8) & 0xffffu; }
   uint32_t column() const { return where & 0xffu; }

@@ -11,10 +11,10 @@ bool isDigit(char c) { return c >= '0' && c <= '9'; }
 
 bool isKeyword(std::string_view w) {
   static const std::set<std::string_view> kWords{
-      "float",   "point",  "vector", "normal",   "color",   "string", "matrix",      "void",       "uniform",
-      "varying", "output", "extern", "if",       "else",    "while",  "for",         "return",     "break",
-      "continue", "surface", "light", "volume",  "displacement", "imager", "transformation", "illuminance",
-      "illuminate", "solar", "gather"};
+      "float",          "point",       "vector",     "normal",  "color", "string", "matrix",       "void",
+      "uniform",        "varying",     "output",     "extern",  "if",    "else",   "while",        "for",
+      "return",         "break",       "continue",   "surface", "light", "volume", "displacement", "imager",
+      "transformation", "illuminance", "illuminate", "solar",   "gather"};
   return kWords.count(w) != 0;
 }
 
@@ -78,6 +78,7 @@ class Lexer {
   void one() {
     SlToken t;
     t.place = source_.placeOf(i_);
+    const size_t begin = i_;
     const char c = at(i_);
     if (isWordStart(c)) {
       size_t j = i_;
@@ -102,6 +103,7 @@ class Lexer {
       ++i_;
       return;
     }
+    t.length = uint32_t(i_ - begin);
     tokens_.push_back(std::move(t));
   }
 
@@ -165,12 +167,23 @@ class Lexer {
       }
       const char e = at(++j);
       switch (e) {
-        case 'n': t.text += '\n'; break;
-        case 't': t.text += '\t'; break;
-        case 'r': t.text += '\r'; break;
-        case 'b': t.text += '\b'; break;
-        case 'f': t.text += '\f'; break;
-        case '\n': break;
+        case 'n':
+          t.text += '\n';
+          break;
+        case 't':
+          t.text += '\t';
+          break;
+        case 'r':
+          t.text += '\r';
+          break;
+        case 'b':
+          t.text += '\b';
+          break;
+        case 'f':
+          t.text += '\f';
+          break;
+        case '\n':
+          break;
         default:
           if (e >= '0' && e <= '7') {
             int v = 0, n = 0;
@@ -211,7 +224,8 @@ class Lexer {
 
 }  // namespace
 
-std::vector<SlToken> tokenize(const PreprocessedSource& source, Diagnostics& diagnostics, NoLintLines& noLint) {
+std::vector<SlToken> tokenize(const PreprocessedSource& source, Diagnostics& diagnostics,
+                              NoLintLines& noLint) {
   return Lexer(source, diagnostics, noLint).run();
 }
 

@@ -23,8 +23,8 @@ struct LowerInput {
   bool lint = false;
 };
 
-/// Compiles one shader; nothing when there were errors (which are in the diagnostics). The program is complete but
-/// for classes, jumps, flags and default constants (compile.cpp runs those passes).
+/// Compiles one shader; nothing when there were errors (which are in the diagnostics). The program is
+/// complete but for classes, jumps, flags and default constants (compile.cpp runs those passes).
 bool lowerShader(const LowerInput& input, const ast::Shader& shader, ProgramBuilder& out);
 /// Checks a function that no shader calls.
 void checkFunction(const LowerInput& input, const ast::Function& function);
@@ -53,9 +53,10 @@ struct Binding {
   GlobalId global = GlobalId::kCount;
   SourcePlace place;
   bool isLocal = false;
+  bool isParameter = false;  // of the shader
   bool isRead = false;
   bool isWritten = false;
-  Binding* target = nullptr;       // extern: the variable itself
+  Binding* target = nullptr;  // extern: the variable itself
 };
 
 struct FunctionDef {
@@ -65,7 +66,7 @@ struct FunctionDef {
 
 struct Scope {
   Scope* parent = nullptr;
-  Scope* caller = nullptr;   // function scopes: where it was called from
+  Scope* caller = nullptr;  // function scopes: where it was called from
   bool isFunction = false;
   std::unordered_map<std::string, Binding> variables;
   std::unordered_map<std::string, std::vector<FunctionDef>> functions;
@@ -93,15 +94,16 @@ class Lower {
   struct Frame {
     const ast::Function* function = nullptr;
     uint32_t result = kNoIndex;
-    Value value;                 // result of a function whose one return is its last statement
-    bool direct = false;         // `value` is used
-    bool early = false;          // needs inline_return
+    Value value;                      // result of a function whose one return is its last statement
+    bool direct = false;              // `value` is used
+    bool early = false;               // needs inline_return
+    uint32_t firstSymbol = kNoIndex;  // symbols from here on belong to this expansion
     int loops = 0;
-    int illuminance = 0;
   };
 
   // lower_scope.cpp
-  void error(const SourcePlace& place, std::string message, std::string hint = {}, RiError code = RiError::kSyntax);
+  void error(const SourcePlace& place, std::string message, std::string hint = {},
+             RiError code = RiError::kSyntax);
   void warn(const SourcePlace& place, std::string message, std::string hint = {}, bool always = false);
   void at(const SourcePlace& place);
   Binding* find(const std::string& name, const SourcePlace& place);
@@ -129,7 +131,7 @@ class Lower {
 
   // lower_expression.cpp
   Value expression(const Expr& e, Want want = {});
-  Value converted(const Expr& e, SlType type);             // lowered and converted
+  Value converted(const Expr& e, SlType type);  // lowered and converted
   Value convert(Value v, SlType type, const SourcePlace& place, bool explicitCast = false);
   Value condition(const Expr& e);
   Value nameValue(const Expr& e);
@@ -156,7 +158,8 @@ class Lower {
   Value textureCall(const Builtin& b, const Expr& e, SlType result);
   Value splineCall(const Expr& e, SlType result);
   Value transformCall(const Builtin& b, const Expr& e, SlType result);
-  /// A symbol to be read and written for any variable or array; element targets are copied back by storeOutputs.
+  /// A symbol to be read and written for any variable or array; element targets are copied back by
+  /// storeOutputs.
   uint32_t variableOperand(const Expr& e, std::vector<std::pair<uint32_t, const Expr*>>& outputs);
 
   // lower_inline.cpp

@@ -18,17 +18,21 @@ bool isOutputPair(Op op, std::string_view name) {
   };
   switch (op) {
     case Op::illuminance_begin:
-    case Op::illuminance_cone_begin: return name.starts_with("light:");
+    case Op::illuminance_cone_begin:
+      return name.starts_with("light:");
     case Op::gather_begin:
-      return name.find(':') != std::string_view::npos ? !name.starts_with("send:") : name == "effectivesamples";
+      return name.find(':') != std::string_view::npos ? !name.starts_with("send:")
+                                                      : name == "effectivesamples";
     case Op::trace_t:
-    case Op::trace_f: return name == "transmission";
+    case Op::trace_f:
+      return name == "transmission";
     case Op::occlusion:
     case Op::indirectdiffuse:
       return any({"environmentdir", "environmentcolor", "occlusion", "irradiance"});
     case Op::texture3d:
       return !any({"filterradius", "filterscale", "coordsystem", "maxdepth", "lerp", "filter", "radius"});
-    default: return false;
+    default:
+      return false;
   }
 }
 
@@ -160,7 +164,8 @@ bool Lower::pairs(const Expr& e, size_t first, Op op, std::vector<uint32_t>& ope
 }
 
 /// Lowers the arguments as the signature says: inputs in order, outputs as temporaries.
-bool Lower::plainInputs(const Builtin& b, const Expr& e, SlType result, std::vector<uint32_t>& inputs, Outputs& outputs) {
+bool Lower::plainInputs(const Builtin& b, const Expr& e, SlType result, std::vector<uint32_t>& inputs,
+                        Outputs& outputs) {
   size_t a = 0;
   bool good = true;
   const auto input = [&](const Expr& arg, SlType type) {
@@ -209,14 +214,29 @@ bool Lower::plainInputs(const Builtin& b, const Expr& e, SlType result, std::vec
           good = good && v.ok();
           break;
         }
-        case 'T': input(arg, result); break;
-        case 'm': input(arg, SlType::kMatrix); break;
-        case 's': input(arg, SlType::kString); break;
-        case 'c': input(arg, SlType::kColor); break;
-        case 'p': input(arg, SlType::kPoint); break;
-        case 'v': input(arg, SlType::kVector); break;
-        case 'n': input(arg, SlType::kNormal); break;
-        default: input(arg, SlType::kFloat);
+        case 'T':
+          input(arg, result);
+          break;
+        case 'm':
+          input(arg, SlType::kMatrix);
+          break;
+        case 's':
+          input(arg, SlType::kString);
+          break;
+        case 'c':
+          input(arg, SlType::kColor);
+          break;
+        case 'p':
+          input(arg, SlType::kPoint);
+          break;
+        case 'v':
+          input(arg, SlType::kVector);
+          break;
+        case 'n':
+          input(arg, SlType::kNormal);
+          break;
+        default:
+          input(arg, SlType::kFloat);
       }
     } while (repeat && a < e.args.size());
     if (repeat) ++k;
@@ -230,7 +250,8 @@ Value Lower::builtinCall(const Builtin& b, const Expr& e, SlType result) {
   Outputs outputs;
   if (!plainInputs(b, e, result, inputs, outputs)) return {};
   at(e.place);
-  // Outputs that are temporaries stand between the result and the inputs; elements of arrays are operands already.
+  // Outputs that are temporaries stand between the result and the inputs; elements of arrays are operands
+  // already.
   std::vector<uint32_t> operands;
   for (const auto& [symbol, target] : outputs)
     if (b_.symbol(symbol).storage == Storage::kTemp) operands.push_back(symbol);
@@ -254,10 +275,14 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
   std::vector<uint32_t> in;
   Outputs outputs;
   switch (b.lowering) {
-    case Lowering::kSpline: return splineCall(e, result);
-    case Lowering::kTexture: return textureCall(b, e, result);
-    case Lowering::kTransform: return transformCall(b, e, result);
-    default: break;
+    case Lowering::kSpline:
+      return splineCall(e, result);
+    case Lowering::kTexture:
+      return textureCall(b, e, result);
+    case Lowering::kTransform:
+      return transformCall(b, e, result);
+    default:
+      break;
   }
   if (!plainInputs(b, e, result, in, outputs)) return {};
   at(e.place);
@@ -267,13 +292,15 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
       for (size_t i = 1; i < in.size(); ++i) r = b_.result(b.op, result, {r, in[i]});
       return {r, result};
     }
-    case Lowering::kComponent: return {b_.result(b.op, result, {in[0], b_.constantFloat(b.extra)}), result};
+    case Lowering::kComponent:
+      return {b_.result(b.op, result, {in[0], b_.constantFloat(b.extra)}), result};
     case Lowering::kSetComponent:
     case Lowering::kSetComp: {
       const SlType t = b_.symbol(in[0]).type;
       const bool matrix = b.op == Op::setcomp_m;
       if (b_.symbol(in[0]).isArray() || (matrix ? t != SlType::kMatrix : !isTriple(t))) {
-        error(e.args[0]->place, fmt::format("'{}' needs a {} variable", e.text, matrix ? "matrix" : "color or point"));
+        error(e.args[0]->place,
+              fmt::format("'{}' needs a {} variable", e.text, matrix ? "matrix" : "color or point"));
         return {};
       }
       if (b.lowering == Lowering::kSetComponent) in.insert(in.begin() + 1, b_.constantFloat(b.extra));
@@ -323,7 +350,8 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
     case Lowering::kBake3d:
       b_.emit(b.op, in);
       return {b_.constantFloat(1), result};
-    default: break;
+    default:
+      break;
   }
   return {};
 }
@@ -384,7 +412,8 @@ Value Lower::splineCall(const Expr& e, SlType result) {
   }
   if (isTriple(result)) {
     bool anyTriple = false;
-    for (size_t i = a; i < e.args.size(); ++i) anyTriple = anyTriple || isTriple(typeOf(*e.args[i], {result, true}));
+    for (size_t i = a; i < e.args.size(); ++i)
+      anyTriple = anyTriple || isTriple(typeOf(*e.args[i], {result, true}));
     if (!anyTriple) type = SlType::kFloat;
   }
   for (size_t i = a; i < e.args.size(); ++i) {
@@ -451,12 +480,15 @@ Value Lower::textureCall(const Builtin& b, const Expr& e, SlType result) {
   } else if (!texture && !bump && (n == 1 || n == 4)) {
     if (n == 4) {
       const bool environment = e.text == "environment";
-      op = environment ? (color ? Op::environment4_t : Op::environment4_f) : (color ? Op::shadow4_t : Op::shadow4_f);
+      op = environment ? (color ? Op::environment4_t : Op::environment4_f)
+                       : (color ? Op::shadow4_t : Op::shadow4_f);
     }
     if (!triples(n)) return {};
   } else {
     error(e.place, fmt::format("'{}' does not take {} coordinates", e.text, n),
-          texture ? "none, s and t, or four pairs" : bump ? "N, dPdu, dPdv [, s, t]" : "one or four");
+          texture ? "none, s and t, or four pairs"
+          : bump  ? "N, dPdu, dPdv [, s, t]"
+                  : "one or four");
     return {};
   }
   Outputs outputs;

@@ -14,18 +14,31 @@ Value Lower::expression(const Expr& e, Want want) {
   }
   at(e.place);
   switch (e.kind) {
-    case ExprKind::kNumber: return {b_.constantFloat(float(e.number)), SlType::kFloat};
-    case ExprKind::kString: return {b_.constantString(e.text), SlType::kString};
-    case ExprKind::kName: return nameValue(e);
-    case ExprKind::kIndex: return indexValue(e);
-    case ExprKind::kCall: return call(e, want);
-    case ExprKind::kTuple: return tupleValue(e, typeOf(e, want));
-    case ExprKind::kCast: return castValue(e);
-    case ExprKind::kUnary: return unaryValue(e, want);
-    case ExprKind::kBinary: return binaryValue(e, want);
-    case ExprKind::kTernary: return ternaryValue(e, want);
-    case ExprKind::kAssign: return assignValue(e);
-    case ExprKind::kList: error(e.place, "'{' can only follow '=' in the declaration of an array"); return {};
+    case ExprKind::kNumber:
+      return {b_.constantFloat(float(e.number)), SlType::kFloat};
+    case ExprKind::kString:
+      return {b_.constantString(e.text), SlType::kString};
+    case ExprKind::kName:
+      return nameValue(e);
+    case ExprKind::kIndex:
+      return indexValue(e);
+    case ExprKind::kCall:
+      return call(e, want);
+    case ExprKind::kTuple:
+      return tupleValue(e, typeOf(e, want));
+    case ExprKind::kCast:
+      return castValue(e);
+    case ExprKind::kUnary:
+      return unaryValue(e, want);
+    case ExprKind::kBinary:
+      return binaryValue(e, want);
+    case ExprKind::kTernary:
+      return ternaryValue(e, want);
+    case ExprKind::kAssign:
+      return assignValue(e);
+    case ExprKind::kList:
+      error(e.place, "'{' can only follow '=' in the declaration of an array");
+      return {};
   }
   return {};
 }
@@ -44,7 +57,8 @@ Value Lower::convert(Value v, SlType type, const SourcePlace& place, bool explic
     return {v.symbol, type};
   }
   if (v.type == SlType::kFloat && isTriple(type)) return {b_.result(Op::splat_t, type, {v.symbol}), type};
-  if (v.type == SlType::kFloat && type == SlType::kMatrix) return {b_.result(Op::diagonal_m, type, {v.symbol}), type};
+  if (v.type == SlType::kFloat && type == SlType::kMatrix)
+    return {b_.result(Op::diagonal_m, type, {v.symbol}), type};
   std::string hint;
   if (isTriple(v.type) && type == SlType::kFloat)
     hint = v.type == SlType::kColor ? "take one component with comp(c, 0), or length() or a dot product"
@@ -60,7 +74,8 @@ Value Lower::convert(Value v, SlType type, const SourcePlace& place, bool explic
 Value Lower::condition(const Expr& e) {
   Value v = expression(e, {SlType::kFloat, true});
   if (v.ok() && v.type != SlType::kFloat) {
-    error(e.place, fmt::format("a condition must be a float, not a {}", slTypeName(v.type)), "compare it with something");
+    error(e.place, fmt::format("a condition must be a float, not a {}", slTypeName(v.type)),
+          "compare it with something");
     return {};
   }
   return v;
@@ -76,7 +91,8 @@ Value Lower::nameValue(const Expr& e) {
   }
   if (!useGlobal(*b, e.place, false)) return {};
   if (b->isArray) {
-    error(e.place, fmt::format("'{}' is an array", e.text), "write which element is meant: " + e.text + "[i]");
+    error(e.place, fmt::format("'{}' is an array", e.text),
+          "write which element is meant: " + e.text + "[i]");
     return {};
   }
   if (b->isLocal && !b->isWritten && !b->isRead)
@@ -140,7 +156,9 @@ Value Lower::toCurrent(SlType type, uint32_t space, Value v) {
     const uint32_t m = b_.result(Op::space_m, type, {current, space});
     return {b_.result(Op::mul_m, type, {m, v.symbol}), type};
   }
-  const Op op = type == SlType::kPoint ? Op::transform_p : type == SlType::kNormal ? Op::transform_n : Op::transform_v;
+  const Op op = type == SlType::kPoint    ? Op::transform_p
+                : type == SlType::kNormal ? Op::transform_n
+                                          : Op::transform_v;
   return {b_.result(op, type, {space, current, v.symbol}), type};
 }
 
@@ -185,7 +203,8 @@ Value Lower::binaryValue(const Expr& e, Want want) {
     Value a = condition(*e.args[0]), b = condition(*e.args[1]);
     if (!a.ok() || !b.ok()) return {};
     at(e.place);
-    return {b_.result(op == "&&" ? Op::and_f : Op::or_f, SlType::kFloat, {a.symbol, b.symbol}), SlType::kFloat};
+    return {b_.result(op == "&&" ? Op::and_f : Op::or_f, SlType::kFloat, {a.symbol, b.symbol}),
+            SlType::kFloat};
   }
   const auto [wantA, wantB] = operandTypes(e, want);
   const bool comparison = op != "+" && op != "-" && op != "*" && op != "/" && op != "." && op != "^";
@@ -202,7 +221,8 @@ Value Lower::binaryValue(const Expr& e, Want want) {
 Value Lower::arithmetic(const std::string& op, Value a, Value b, SlType type, const SourcePlace& place) {
   at(place);
   const auto wrong = [&]() -> Value {
-    error(place, fmt::format("'{}' does not work on a {} and a {}", op, slTypeName(a.type), slTypeName(b.type)),
+    error(place,
+          fmt::format("'{}' does not work on a {} and a {}", op, slTypeName(a.type), slTypeName(b.type)),
           type == SlType::kString && op == "+" ? "join strings with concat()" : "");
     return {};
   };
@@ -215,10 +235,12 @@ Value Lower::arithmetic(const std::string& op, Value a, Value b, SlType type, co
   if (equality) {
     const bool eq = op == "==";
     if (stringA != stringB) return wrong();
-    if (stringA) return {b_.result(eq ? Op::eq_s : Op::ne_s, SlType::kFloat, {a.symbol, b.symbol}), SlType::kFloat};
+    if (stringA)
+      return {b_.result(eq ? Op::eq_s : Op::ne_s, SlType::kFloat, {a.symbol, b.symbol}), SlType::kFloat};
     if (a.type == SlType::kFloat && b.type == SlType::kFloat)
       return {b_.result(eq ? Op::eq_f : Op::ne_f, SlType::kFloat, {a.symbol, b.symbol}), SlType::kFloat};
-    if ((a.type == SlType::kMatrix && isTriple(b.type)) || (b.type == SlType::kMatrix && isTriple(a.type))) return wrong();
+    if ((a.type == SlType::kMatrix && isTriple(b.type)) || (b.type == SlType::kMatrix && isTriple(a.type)))
+      return wrong();
     a = convert(a, type, place, true);
     b = convert(b, type, place, true);
     if (!a.ok() || !b.ok()) return {};
@@ -234,7 +256,8 @@ Value Lower::arithmetic(const std::string& op, Value a, Value b, SlType type, co
   if (op == "." || op == "^") {
     if (a.type == SlType::kMatrix || b.type == SlType::kMatrix) return wrong();
     if (a.type == SlType::kFloat && b.type == SlType::kFloat) {
-      error(place, fmt::format("'{}' needs a vector on each side", op), op == "." ? "" : "a power is pow(x, y)");
+      error(place, fmt::format("'{}' needs a vector on each side", op),
+            op == "." ? "" : "a power is pow(x, y)");
       return {};
     }
     if (a.type == SlType::kFloat) a = convert(a, SlType::kVector, place);
@@ -245,7 +268,8 @@ Value Lower::arithmetic(const std::string& op, Value a, Value b, SlType type, co
   const char c = op[0];
   if (type == SlType::kMatrix) {
     if ((c != '*' && c != '/') || isTriple(a.type) || isTriple(b.type)) {
-      error(place, fmt::format("'{}' does not work on a {} and a {}", op, slTypeName(a.type), slTypeName(b.type)),
+      error(place,
+            fmt::format("'{}' does not work on a {} and a {}", op, slTypeName(a.type), slTypeName(b.type)),
             isTriple(a.type) || isTriple(b.type) ? "use transform(m, p)" : "");
       return {};
     }
@@ -346,7 +370,8 @@ Value Lower::assignValue(const Expr& e) {
     const float i = b_.constantValue(index.symbol)[0];
     const uint32_t n = b_.symbol(b->symbol).arrayLength;
     if (i < 0 || i >= float(n))
-      error(target.place, fmt::format("index {} is outside of '{}', which has {} elements", i, target.text, n));
+      error(target.place,
+            fmt::format("index {} is outside of '{}', which has {} elements", i, target.text, n));
   }
   if (e.text != "=") {
     Value old{b->symbol, type};

@@ -38,7 +38,8 @@ const std::set<std::string>& Lower::assignedNames(const ast::Function& f) {
 /// True when a return stands where code of the same function may follow.
 bool Lower::hasEarlyReturn(const Stmt& s, bool tail) {
   switch (s.kind) {
-    case StmtKind::kReturn: return !tail;
+    case StmtKind::kReturn:
+      return !tail;
     case StmtKind::kBlock:
       for (size_t i = 0; i < s.body.size(); ++i)
         if (hasEarlyReturn(*s.body[i], tail && i + 1 == s.body.size())) return true;
@@ -81,8 +82,8 @@ bool Lower::bindFormal(Scope& scope, const ast::Function& f, const ast::Variable
     if (!v.ok()) return false;
     const Symbol& s = b_.symbol(v.symbol);
     const bool changed = assignedNames(f).count(formal.name) != 0;
-    const bool fixed = s.storage == Storage::kConstant || s.storage == Storage::kTemp ||
-                       s.storage == Storage::kParameter;
+    const bool fixed =
+        s.storage == Storage::kConstant || s.storage == Storage::kTemp || s.storage == Storage::kParameter;
     b.symbol = v.symbol;
     if (!fixed || changed) {
       // The variable may change under the function's feet (or the function changes its copy).
@@ -116,27 +117,32 @@ Value Lower::userCall(const FunctionDef& def, const Expr& e, SlType result) {
     return {};
   }
   if (frames_.size() >= kMaxInlineDepth) {
-    error(e.place, fmt::format("functions call each other more than {} deep", kMaxInlineDepth), "", RiError::kLimit);
+    error(e.place, fmt::format("functions call each other more than {} deep", kMaxInlineDepth), "",
+          RiError::kLimit);
     return {};
   }
+  const uint32_t firstSymbol = uint32_t(b_.program.symbols.size());
   Scope scope;
   scope.isFunction = true;
   scope.parent = def.scope;
   scope.caller = scope_;
   std::vector<std::pair<uint32_t, const Expr*>> outputs;
   bool good = true;
-  for (size_t i = 0; i < f.formals.size(); ++i) good = bindFormal(scope, f, f.formals[i], *e.args[i], outputs) && good;
+  for (size_t i = 0; i < f.formals.size(); ++i)
+    good = bindFormal(scope, f, f.formals[i], *e.args[i], outputs) && good;
   if (!good) return {};
 
   Frame frame;
   frame.function = &f;
+  frame.firstSymbol = firstSymbol;
   frame.early = hasEarlyReturn(*f.body, true);
   const int returns = returnCount(*f.body);
-  frame.direct = !frame.early && returns == 1 && !f.body->body.empty() &&
-                 f.body->body.back()->kind == StmtKind::kReturn;
+  frame.direct =
+      !frame.early && returns == 1 && !f.body->body.empty() && f.body->body.back()->kind == StmtKind::kReturn;
   if (result != SlType::kVoid && !frame.direct) frame.result = b_.local(f.name, result);
   if (result != SlType::kVoid && returns == 0)
-    error(f.place, fmt::format("'{}' has no 'return'", f.name), fmt::format("it should return a {}, or be 'void'", slTypeName(result)));
+    error(f.place, fmt::format("'{}' has no 'return'", f.name),
+          fmt::format("it should return a {}, or be 'void'", slTypeName(result)));
   at(e.place);
   if (frame.early) b_.emit(Op::inline_begin, {});
   pushScope(scope);

@@ -8,19 +8,23 @@ namespace {
 
 enum Access : uint8_t { kNo, kRead, kWrite, kInLights, kInLightStatement };
 
-/// RISpec 3.2.1 tables 12.1-12.5, with what real shaders rely on: surface shaders may move P for their own use, and
-/// every shader may read the state of the point it runs on.
+/// RISpec 3.2.1 tables 12.1-12.5, with what real shaders rely on: surface shaders may move P for their own
+/// use, and every shader may read the state of the point it runs on.
 Access accessOf(GlobalId id, ShaderType type) {
   const bool surface = type == ShaderType::kSurface, light = type == ShaderType::kLight,
              displacement = type == ShaderType::kDisplacement || type == ShaderType::kTransformation,
              volume = type == ShaderType::kVolume, imager = type == ShaderType::kImager;
   switch (id) {
     case GlobalId::k_Cs:
-    case GlobalId::k_Os: return surface ? kWrite : displacement ? kRead : kNo;
-    case GlobalId::k_P: return surface || displacement ? kWrite : kRead;
-    case GlobalId::k_N: return imager ? kNo : surface || displacement ? kWrite : kRead;
+    case GlobalId::k_Os:
+      return surface ? kWrite : displacement ? kRead : kNo;
+    case GlobalId::k_P:
+      return surface || displacement ? kWrite : kRead;
+    case GlobalId::k_N:
+      return imager ? kNo : surface || displacement ? kWrite : kRead;
     case GlobalId::k_s:
-    case GlobalId::k_t: return imager ? kNo : surface || displacement ? kWrite : kRead;
+    case GlobalId::k_t:
+      return imager ? kNo : surface || displacement ? kWrite : kRead;
     case GlobalId::k_dPdu:
     case GlobalId::k_dPdv:
     case GlobalId::k_Ng:
@@ -28,22 +32,31 @@ Access accessOf(GlobalId id, ShaderType type) {
     case GlobalId::k_v:
     case GlobalId::k_du:
     case GlobalId::k_dv:
-    case GlobalId::k_dPdtime: return imager ? kNo : kRead;
-    case GlobalId::k_L: return light ? kInLightStatement : surface || volume ? kInLights : kNo;
+    case GlobalId::k_dPdtime:
+      return imager ? kNo : kRead;
+    case GlobalId::k_L:
+      return light ? kInLightStatement : surface || volume ? kInLights : kNo;
     case GlobalId::k_Cl:
-    case GlobalId::k_Ol: return light ? kWrite : surface || volume ? kInLights : kNo;
+    case GlobalId::k_Ol:
+      return light ? kWrite : surface || volume ? kInLights : kNo;
     case GlobalId::k_Ps:
-    case GlobalId::k_Ns: return light ? kRead : kNo;
-    case GlobalId::k_I: return imager ? kNo : kRead;
+    case GlobalId::k_Ns:
+      return light ? kRead : kNo;
+    case GlobalId::k_I:
+      return imager ? kNo : kRead;
     case GlobalId::k_Ci:
-    case GlobalId::k_Oi: return surface || volume || imager ? kWrite : kNo;
-    case GlobalId::k_alpha: return imager ? kWrite : kNo;
-    case GlobalId::k___prmanspecular: return kRead;
+    case GlobalId::k_Oi:
+      return surface || volume || imager ? kWrite : kNo;
+    case GlobalId::k_alpha:
+      return imager ? kWrite : kNo;
+    case GlobalId::k___prmanspecular:
+      return kRead;
     case GlobalId::k_E:
     case GlobalId::k_ncomps:
     case GlobalId::k_time:
     case GlobalId::k_dtime:
-    case GlobalId::kCount: return kRead;
+    case GlobalId::kCount:
+      return kRead;
   }
   return kRead;
 }
@@ -60,8 +73,8 @@ Lower::Lower(const LowerInput& input, ProgramBuilder& builder, ShaderType type)
 }
 
 void Lower::error(const SourcePlace& place, std::string message, std::string hint, RiError code) {
-  in_.diagnostics->add({Severity::kError, code, in_.source->location(place), std::move(message), std::move(hint),
-                        in_.source->line(place)});
+  in_.diagnostics->add({Severity::kError, code, in_.source->location(place), std::move(message),
+                        std::move(hint), in_.source->line(place)});
 }
 
 void Lower::warn(const SourcePlace& place, std::string message, std::string hint, bool always) {
@@ -101,10 +114,13 @@ void Lower::popScope() {
   for (const auto& [name, b] : scope_->variables)
     if (b.isLocal && !b.isRead && !b.target && b.place.line) unused.push_back({&name, &b});
   std::sort(unused.begin(), unused.end(), [](const auto& a, const auto& b) {
-    return std::pair(a.second->place.line, a.second->place.column) < std::pair(b.second->place.line, b.second->place.column);
+    return std::pair(a.second->place.line, a.second->place.column) <
+           std::pair(b.second->place.line, b.second->place.column);
   });
   for (const auto& [name, b] : unused)
-    warn(b->place, fmt::format("variable '{}' is {}", *name, b->isWritten ? "set but never used" : "never used"));
+    warn(b->place, b->isParameter ? fmt::format("parameter '{}' is never used", *name)
+                                  : fmt::format("variable '{}' is {}", *name,
+                                                b->isWritten ? "set but never used" : "never used"));
   scope_ = scope_->isFunction ? scope_->caller : scope_->parent;
 }
 

@@ -11,9 +11,14 @@ void Lower::statement(const Stmt& s, bool tail) {
   if (tooBig_) return;
   at(s.place);
   switch (s.kind) {
-    case StmtKind::kEmpty: break;
-    case StmtKind::kExpr: expression(*s.exprs[0]); break;
-    case StmtKind::kDeclaration: declaration(s); break;
+    case StmtKind::kEmpty:
+      break;
+    case StmtKind::kExpr:
+      expression(*s.exprs[0]);
+      break;
+    case StmtKind::kDeclaration:
+      declaration(s);
+      break;
     case StmtKind::kBlock: {
       Scope scope;
       pushScope(scope);
@@ -21,18 +26,34 @@ void Lower::statement(const Stmt& s, bool tail) {
       popScope();
       break;
     }
-    case StmtKind::kIf: ifStatement(s, tail); break;
+    case StmtKind::kIf:
+      ifStatement(s, tail);
+      break;
     case StmtKind::kWhile:
-    case StmtKind::kFor: loop(s); break;
+    case StmtKind::kFor:
+      loop(s);
+      break;
     case StmtKind::kBreak:
-    case StmtKind::kContinue: jump(s); break;
-    case StmtKind::kReturn: returnStatement(s, tail); break;
+    case StmtKind::kContinue:
+      jump(s);
+      break;
+    case StmtKind::kReturn:
+      returnStatement(s, tail);
+      break;
     case StmtKind::kIlluminance:
-    case StmtKind::kAmbient: illuminance(s); break;
+    case StmtKind::kAmbient:
+      illuminance(s);
+      break;
     case StmtKind::kIlluminate:
-    case StmtKind::kSolar: lightStatement(s); break;
-    case StmtKind::kGather: gather(s); break;
-    case StmtKind::kFunction: scope_->functions[s.function->name].push_back({s.function, scope_}); break;
+    case StmtKind::kSolar:
+      lightStatement(s);
+      break;
+    case StmtKind::kGather:
+      gather(s);
+      break;
+    case StmtKind::kFunction:
+      scope_->functions[s.function->name].push_back({s.function, scope_});
+      break;
   }
 }
 
@@ -47,7 +68,9 @@ void Lower::scoped(const Stmt& s, bool tail) {
 bool Lower::constantNumber(const Expr& e, double& v) {
   double a = 0, b = 0;
   switch (e.kind) {
-    case ExprKind::kNumber: v = e.number; return true;
+    case ExprKind::kNumber:
+      v = e.number;
+      return true;
     case ExprKind::kName:
       v = 3.14159265358979323846;
       return e.text == "PI";
@@ -57,13 +80,19 @@ bool Lower::constantNumber(const Expr& e, double& v) {
       return true;
     case ExprKind::kBinary:
       if (!constantNumber(*e.args[0], a) || !constantNumber(*e.args[1], b)) return false;
-      if (e.text == "+") v = a + b;
-      else if (e.text == "-") v = a - b;
-      else if (e.text == "*") v = a * b;
-      else if (e.text == "/" && b != 0) v = a / b;
-      else return false;
+      if (e.text == "+")
+        v = a + b;
+      else if (e.text == "-")
+        v = a - b;
+      else if (e.text == "*")
+        v = a * b;
+      else if (e.text == "/" && b != 0)
+        v = a / b;
+      else
+        return false;
       return true;
-    default: return false;
+    default:
+      return false;
   }
 }
 
@@ -82,7 +111,8 @@ bool Lower::arrayLength(const ast::Variable& v, uint32_t& length) {
   }
   n = std::floor(n);
   if (!(n >= 1 && n <= double(kMaxArrayLength))) {
-    error(v.place, fmt::format("the array '{}' has {} elements; 1 to {} are possible", v.name, n, kMaxArrayLength), "",
+    error(v.place,
+          fmt::format("the array '{}' has {} elements; 1 to {} are possible", v.name, n, kMaxArrayLength), "",
           RiError::kLimit);
     return false;
   }
@@ -123,7 +153,8 @@ void Lower::initialise(uint32_t symbol, const ast::Variable& v, uint32_t length)
     return;
   }
   if (v.init->args.size() > length) {
-    error(v.init->place, fmt::format("{} values for the {} elements of '{}'", v.init->args.size(), length, v.name));
+    error(v.init->place,
+          fmt::format("{} values for the {} elements of '{}'", v.init->args.size(), length, v.name));
     return;
   }
   Binding b;
@@ -183,7 +214,8 @@ void Lower::declaration(const Stmt& s) {
       if (!target) {
         if (frames_.size() <= 1 && frames_[0]->function && in_.file) {
           bool isShader = false;
-          for (const ast::Shader& sh : in_.file->shaders) isShader = isShader || sh.function == frames_[0]->function;
+          for (const ast::Shader& sh : in_.file->shaders)
+            isShader = isShader || sh.function == frames_[0]->function;
           if (!isShader) {
             // Checking a function alone: a shader that calls it may have the variable.
             b.symbol = b_.local(v.name, v.type, v.isArray ? 16 : 0);
@@ -192,12 +224,14 @@ void Lower::declaration(const Stmt& s) {
             continue;
           }
         }
-        error(v.place, fmt::format("there is no variable '{}' outside of this function", v.name), unknownNameHint(v.name));
+        error(v.place, fmt::format("there is no variable '{}' outside of this function", v.name),
+              unknownNameHint(v.name));
         continue;
       }
       if (!useGlobal(*target, v.place, false)) continue;
       if (target->type != v.type && !(isTriple(target->type) && isTriple(v.type)))
-        error(v.place, fmt::format("'{}' is a {}, not a {}", v.name, slTypeName(target->type), slTypeName(v.type)));
+        error(v.place,
+              fmt::format("'{}' is a {}, not a {}", v.name, slTypeName(target->type), slTypeName(v.type)));
       b.target = target;
       b.symbol = target->symbol;
       auto [it, fresh] = scope_->variables.emplace(v.name, b);
@@ -243,8 +277,10 @@ void Lower::ifStatement(const Stmt& s, bool tail) {
     if (!taken) dropped(*s.body[0]);
     if (taken) scoped(*s.body[0], tail);
     if (s.body.size() > 1) {
-      if (taken) dropped(*s.body[1]);
-      else scoped(*s.body[1], tail);
+      if (taken)
+        dropped(*s.body[1]);
+      else
+        scoped(*s.body[1], tail);
     }
     return;
   }
@@ -287,26 +323,30 @@ void Lower::jump(const Stmt& s) {
                        : fmt::format("'{} {}' inside of {} loops", word, s.levels, frames_.back()->loops));
     return;
   }
-  b_.emit(s.kind == StmtKind::kBreak ? Op::break_loop : Op::continue_loop, {b_.constantFloat(float(s.levels))});
+  b_.emit(s.kind == StmtKind::kBreak ? Op::break_loop : Op::continue_loop,
+          {b_.constantFloat(float(s.levels))});
 }
 
 void Lower::returnStatement(const Stmt& s, bool tail) {
   Frame& frame = *frames_.back();
-  const bool isShader = frames_.size() == 1 && frame.function->result == SlType::kVoid && frame.result == kNoIndex &&
-                        !frame.direct;
+  const bool isShader = frames_.size() == 1 && frame.function->result == SlType::kVoid &&
+                        frame.result == kNoIndex && !frame.direct;
   const SlType type = frame.function->result;
   if (s.exprs.empty()) {
     if (type != SlType::kVoid)
       error(s.place, fmt::format("'{}' must return a {}", frame.function->name, slTypeName(type)));
   } else if (type == SlType::kVoid) {
-    error(s.exprs[0]->place, isShader ? "a shader returns no value"
-                                      : fmt::format("'{}' is void: it returns no value", frame.function->name));
+    error(s.exprs[0]->place, isShader
+                                 ? "a shader returns no value"
+                                 : fmt::format("'{}' is void: it returns no value", frame.function->name));
   } else {
     Value v = converted(*s.exprs[0], type);
     at(s.place);
     if (!v.ok()) return;
     const Storage storage = b_.symbol(v.symbol).storage;
-    if (frame.direct && (storage == Storage::kConstant || storage == Storage::kTemp)) {
+    // A variable of the function's own keeps its value: nobody else knows it.
+    const bool own = storage == Storage::kLocal && v.symbol >= frame.firstSymbol;
+    if (frame.direct && (storage == Storage::kConstant || storage == Storage::kTemp || own)) {
       frame.value = v;
     } else {
       if (frame.result == kNoIndex) frame.result = b_.local(frame.function->name, type);
@@ -344,7 +384,9 @@ void Lower::illuminance(const Stmt& s) {
     if (v.ok()) in.push_back(v.symbol);
     return v.ok();
   };
-  const auto isString = [&](size_t i) { return i < s.exprs.size() && typeOf(*s.exprs[i]) == SlType::kString; };
+  const auto isString = [&](size_t i) {
+    return i < s.exprs.size() && typeOf(*s.exprs[i]) == SlType::kString;
+  };
   if (!ambient) {
     if (isString(0) && !(s.exprs.size() > 1 && isString(1))) {
       good = take(SlType::kString);
@@ -437,9 +479,11 @@ void Lower::gather(const Stmt& s) {
   std::vector<std::pair<uint32_t, const Expr*>> outputs;
   bool good = s.exprs.size() >= 5;
   if (!good) {
-    error(s.place, "'gather' needs five arguments", "gather(category, P, direction, angle, samples [, \"name\", value])");
+    error(s.place, "'gather' needs five arguments",
+          "gather(category, P, direction, angle, samples [, \"name\", value])");
   } else {
-    static constexpr SlType kTypes[] = {SlType::kString, SlType::kPoint, SlType::kVector, SlType::kFloat, SlType::kFloat};
+    static constexpr SlType kTypes[] = {SlType::kString, SlType::kPoint, SlType::kVector, SlType::kFloat,
+                                        SlType::kFloat};
     for (size_t i = 0; i < 5; ++i) {
       Value v = converted(*s.exprs[i], kTypes[i]);
       good = good && v.ok();
@@ -495,6 +539,7 @@ void Lower::parameters(const ast::Function& f) {
     b.isArray = v.isArray;
     b.place = v.place;
     b.isLocal = !v.name.starts_with("__");
+    b.isParameter = true;
     b.isWritten = true;
     b.isRead = v.output;
     if (!v.output) b.readOnly = "it is a parameter and not declared 'output'";

@@ -11,14 +11,22 @@ constexpr int kImpossible = 1 << 20;
 
 SlType letterType(char c) {
   switch (c) {
-    case 'm': return SlType::kMatrix;
-    case 's': return SlType::kString;
-    case 'c': return SlType::kColor;
-    case 'p': return SlType::kPoint;
-    case 'v': return SlType::kVector;
-    case 'n': return SlType::kNormal;
-    case 'x': return SlType::kVoid;
-    default: return SlType::kFloat;
+    case 'm':
+      return SlType::kMatrix;
+    case 's':
+      return SlType::kString;
+    case 'c':
+      return SlType::kColor;
+    case 'p':
+      return SlType::kPoint;
+    case 'v':
+      return SlType::kVector;
+    case 'n':
+      return SlType::kNormal;
+    case 'x':
+      return SlType::kVoid;
+    default:
+      return SlType::kFloat;
   }
 }
 
@@ -57,19 +65,24 @@ SlType Lower::typeOf(const Expr& e, Want want) {
 
 SlType Lower::computeType(const Expr& e, Want want) {
   switch (e.kind) {
-    case ExprKind::kNumber: return SlType::kFloat;
-    case ExprKind::kString: return SlType::kString;
+    case ExprKind::kNumber:
+      return SlType::kFloat;
+    case ExprKind::kString:
+      return SlType::kString;
     case ExprKind::kName:
     case ExprKind::kIndex: {
       Binding* b = findFrom(scope_, e.text, nullptr);
       return b ? b->type : SlType::kVoid;
     }
-    case ExprKind::kCall: return resolve(e, want).result;
+    case ExprKind::kCall:
+      return resolve(e, want).result;
     case ExprKind::kTuple:
       if (e.args.size() == 16) return SlType::kMatrix;
       return isTriple(want.type) ? want.type : SlType::kVector;
-    case ExprKind::kCast: return e.type;
-    case ExprKind::kUnary: return e.text == "!" ? SlType::kFloat : typeOf(*e.args[0], want);
+    case ExprKind::kCast:
+      return e.type;
+    case ExprKind::kUnary:
+      return e.text == "!" ? SlType::kFloat : typeOf(*e.args[0], want);
     case ExprKind::kBinary: {
       if (e.text == "&&" || e.text == "||" || e.text == "." || isComparison(e.text)) return SlType::kFloat;
       if (e.text == "^") return SlType::kVector;
@@ -80,15 +93,18 @@ SlType Lower::computeType(const Expr& e, Want want) {
       const SlType a = typeOf(*e.args[1], want), b = typeOf(*e.args[2], want);
       return a == SlType::kFloat || a == SlType::kVoid ? b : a;
     }
-    case ExprKind::kAssign: return typeOf(*e.args[0]);
-    case ExprKind::kList: return SlType::kVoid;
+    case ExprKind::kAssign:
+      return typeOf(*e.args[0]);
+    case ExprKind::kList:
+      return SlType::kVoid;
   }
   return SlType::kVoid;
 }
 
 /// Types of the two operands of a binary operator.
 std::pair<SlType, SlType> Lower::operandTypes(const Expr& e, Want want) {
-  const Want inner{isComparison(e.text) || e.text == "&&" || e.text == "||" ? SlType::kVoid : want.type, false};
+  const Want inner{isComparison(e.text) || e.text == "&&" || e.text == "||" ? SlType::kVoid : want.type,
+                   false};
   SlType a = typeOf(*e.args[0], inner), b = typeOf(*e.args[1], inner);
   // A bare (x, y, z) is what the other side is.
   const bool tupleA = e.args[0]->kind == ExprKind::kTuple, tupleB = e.args[1]->kind == ExprKind::kTuple;
@@ -111,7 +127,8 @@ SlType Lower::combine(const Expr& e, SlType a, SlType b) {
   return a == b ? a : SlType::kVector;
 }
 
-/// Price of taking `b` for the call; kImpossible when the arguments do not fit. `result`: the type it returns.
+/// Price of taking `b` for the call; kImpossible when the arguments do not fit. `result`: the type it
+/// returns.
 int Lower::builtinCost(const Builtin& b, const Expr& e, Want want, SlType& result) {
   if (want.type != SlType::kVoid && !want.direct && !b.contextual) want.type = SlType::kVoid;
   int cost = 0;
@@ -201,7 +218,8 @@ int Lower::userCost(const ast::Function& f, const Expr& e, Want want) {
     const SlType t = typeOf(arg, {formal.type, true});
     if (formal.output) {
       if (arg.kind != ExprKind::kName && arg.kind != ExprKind::kIndex) return kImpossible;
-      if (t != formal.type && !(isTriple(t) && isTriple(formal.type)) && t != SlType::kVoid) return kImpossible;
+      if (t != formal.type && !(isTriple(t) && isTriple(formal.type)) && t != SlType::kVoid)
+        return kImpossible;
     }
     const int price = conversionCost(t, formal.type);
     if (price >= kImpossible) return kImpossible;

@@ -6,7 +6,9 @@
 namespace fr {
 namespace {
 
-bool isAssign(Op op) { return op == Op::assign_f || op == Op::assign_t || op == Op::assign_m || op == Op::assign_s; }
+bool isAssign(Op op) {
+  return op == Op::assign_f || op == Op::assign_t || op == Op::assign_m || op == Op::assign_s;
+}
 
 bool opens(Op op) { return std::string_view(opInfo(op).name).ends_with("_begin"); }
 bool closes(Op op) { return std::string_view(opInfo(op).name).ends_with("_end"); }
@@ -52,10 +54,37 @@ std::vector<uint32_t> blockEnds(const ShaderProgram& p) {
     ends[i] = end;
     // Another branch begins behind if_else; condition, body and step of a loop run one after the other.
     if (op == Op::if_else || op == Op::gather_else) end = i;
-    // After these some points skip what follows, so that it cannot count on what came before elsewhere; what came
-    // before in this block still holds for all points that go on.
+    // After these some points skip what follows, so that it cannot count on what came before elsewhere; what
+    // came before in this block still holds for all points that go on.
   }
   return ends;
+}
+
+/// A result of constants becomes a constant; the instruction goes.
+bool foldInstruction(ShaderProgram& p, Instruction& in, const std::vector<Uses>& uses,
+                     std::vector<uint32_t>& replacement) {
+  if (!(opInfo(in.op).flags & kOpFoldable) || in.argCount < 2 || in.argCount > 17) return false;
+  const uint32_t result = p.args[in.firstArg] & kArgIndex;
+  if (p.symbols[result].storage != Storage::kTemp || uses[result].writes != 1) return false;
+  const float* inputs[16];
+  for (uint32_t k = 1; k < in.argCount; ++k) {
+    const Symbol& s = p.symbol(p.args[in.firstArg + k]);
+    if (s.storage != Storage::kConstant || s.type == SlType::kString || s.isArray()) return false;
+    inputs[k - 1] = p.floats.data() + s.data;
+  }
+  float out[16];
+  if (!foldConstant(in.op, {inputs, size_t(in.argCount) - 1}, out)) return false;
+  Symbol c;
+  c.type = p.symbols[result].type;
+  c.storage = Storage::kConstant;
+  c.cls = SlClass::kUniform;
+  c.data = uint32_t(p.floats.size());
+  p.floats.insert(p.floats.end(), out, out + slTypeFloats(c.type));
+  replacement[result] = uint32_t(p.symbols.size());
+  p.symbols.push_back(c);
+  in.op = Op::nop;
+  in.argCount = 0;
+  return true;
 }
 
 }  // namespace
@@ -64,18 +93,24 @@ void propagateCopies(ShaderProgram& p) {
   const std::vector<Uses> uses = countUses(p);
   const std::vector<uint32_t> ends = blockEnds(p);
   std::vector<uint32_t> replacement(p.symbols.size(), kNoIndex);
+  const auto known = [&](uint32_t symbol) {
+    return symbol < replacement.size() ? replacement[symbol] : kNoIndex;
+  };
   const auto fixed = [&](uint32_t source, uint32_t target) {
     const Symbol& s = p.symbols[source];
     if (s.isArray()) return false;
     switch (s.storage) {
       case Storage::kConstant:
-      case Storage::kParameter: return true;
-      case Storage::kOutputParameter: return false;
+      case Storage::kParameter:
+        return true;
+      case Storage::kOutputParameter:
+        return false;
       case Storage::kGlobal:
-        return uses[source].writes == 0 && GlobalId(s.data) != GlobalId::k_L && GlobalId(s.data) != GlobalId::k_Cl &&
-               GlobalId(s.data) != GlobalId::k_Ol;
+        return uses[source].writes == 0 && GlobalId(s.data) != GlobalId::k_L &&
+               GlobalId(s.data) != GlobalId::k_Cl && GlobalId(s.data) != GlobalId::k_Ol;
       case Storage::kTemp:
-      case Storage::kLocal: return uses[source].writes == 1 && uses[target].writes == 1;
+      case Storage::kLocal:
+        return source < uses.size() && uses[source].writes == 1 && uses[target].writes == 1;
     }
     return false;
   };
@@ -83,9 +118,10 @@ void propagateCopies(ShaderProgram& p) {
     Instruction& in = p.code[i];
     for (uint32_t k = 0; k < in.argCount; ++k) {
       uint32_t& a = p.args[in.firstArg + k];
-      const uint32_t r = replacement[a & kArgIndex];
+      const uint32_t r = known(a & kArgIndex);
       if (r != kNoIndex && !(a & kArgWritten)) a = (a & ~kArgIndex) | r;
     }
+    if (foldInstruction(p, in, uses, replacement)) continue;
     if (!isAssign(in.op)) continue;
     const auto operands = p.operands(in);
     const uint32_t target = operands[0] & kArgIndex, source = operands[1] & kArgIndex;
@@ -110,11 +146,13 @@ void mergeAssignments(ShaderProgram& p, const std::vector<bool>& underVaryingCon
     uint32_t& result = p.args[in.firstArg];
     const uint32_t temp = p.operands(copy)[1] & kArgIndex, target = p.operands(copy)[0] & kArgIndex;
     const Symbol& t = p.symbols[target];
-    if ((result & kArgIndex) != temp || (result & kArgRead) || p.symbols[temp].storage != Storage::kTemp) continue;
+    if ((result & kArgIndex) != temp || (result & kArgRead) || p.symbols[temp].storage != Storage::kTemp)
+      continue;
     if (uses[temp].writes != 1 || uses[temp].reads != 1) continue;
     if (t.storage != Storage::kLocal || t.cls != p.symbols[temp].cls) continue;
     bool reads = false;
-    for (uint32_t k = 1; k < in.argCount; ++k) reads = reads || (p.args[in.firstArg + k] & kArgIndex) == target;
+    for (uint32_t k = 1; k < in.argCount; ++k)
+      reads = reads || (p.args[in.firstArg + k] & kArgIndex) == target;
     if (reads) continue;  // a kernel may write before it has read all
     result = (result & ~kArgIndex) | target;
     copy.op = Op::nop;

@@ -36,14 +36,17 @@ bool removable(Op op) {
     case Op::store_m:
     case Op::store_s:
     case Op::setcomp_t:
-    case Op::setcomp_m: return true;
+    case Op::setcomp_m:
+      return true;
     default:
       // Nobody sees whether a ray or a texture was asked for.
       return (flags & (kOpRay | kOpTexture)) && !(flags & (kOpControl | kOpMasked));
   }
 }
 
-bool isAssign(Op op) { return op == Op::assign_f || op == Op::assign_t || op == Op::assign_m || op == Op::assign_s; }
+bool isAssign(Op op) {
+  return op == Op::assign_f || op == Op::assign_t || op == Op::assign_m || op == Op::assign_s;
+}
 
 void erase(Instruction& in) {
   in.op = Op::nop;
@@ -89,7 +92,8 @@ bool removeEmptyBlocks(ShaderProgram& p) {
     } else if (a == Op::if_else && b == Op::if_end) {
       erase(p.code[i]);
       changed = true;
-    } else if (a == Op::if_begin && b == Op::if_else && i + 2 < p.code.size() && p.code[i + 2].op == Op::if_end) {
+    } else if (a == Op::if_begin && b == Op::if_else && i + 2 < p.code.size() &&
+               p.code[i + 2].op == Op::if_end) {
       erase(p.code[i]);
       erase(p.code[i + 1]);
       erase(p.code[i + 2]);

@@ -20,9 +20,9 @@ struct Range {
   uint32_t last = 0;
 };
 
-/// Live ranges of locals and temporaries in the body. What is used in a loop and set before it lives through the loop.
-/// A scalar variable is always set first where it is declared, an array is not: one that is used in a loop at all may
-/// carry its values from turn to turn.
+/// Live ranges of locals and temporaries in the body. What is used in a loop and set before it lives through
+/// the loop. A scalar variable is always set first where it is declared, an array is not: one that is used in
+/// a loop at all may carry its values from turn to turn.
 std::vector<Range> liveRanges(const ShaderProgram& p) {
   std::vector<Range> ranges(p.symbols.size());
   std::vector<std::pair<uint32_t, uint32_t>> loops;  // open loops, outermost first
@@ -64,9 +64,11 @@ void shareRegisters(ShaderProgram& p) {
   std::vector<uint32_t> order;
   for (uint32_t i = 0; i < p.symbols.size(); ++i) {
     const Storage st = p.symbols[i].storage;
-    if ((st == Storage::kLocal || st == Storage::kTemp) && ranges[i].first != kNoIndex && !inDefaults[i]) order.push_back(i);
+    if ((st == Storage::kLocal || st == Storage::kTemp) && ranges[i].first != kNoIndex && !inDefaults[i])
+      order.push_back(i);
   }
-  std::stable_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return ranges[a].first < ranges[b].first; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](uint32_t a, uint32_t b) { return ranges[a].first < ranges[b].first; });
 
   using Key = std::tuple<uint32_t, bool, bool, uint32_t>;  // floats of an element, string, varying, length
   std::map<Key, std::vector<uint32_t>> free;

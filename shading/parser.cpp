@@ -8,7 +8,9 @@ using namespace ast;
 
 // ---- tokens and errors ----
 
-const SlToken& Parser::peek(size_t ahead) const { return tokens_[std::min(pos_ + ahead, tokens_.size() - 1)]; }
+const SlToken& Parser::peek(size_t ahead) const {
+  return tokens_[std::min(pos_ + ahead, tokens_.size() - 1)];
+}
 
 SlToken Parser::take() {
   SlToken t = peek();
@@ -23,17 +25,21 @@ bool Parser::accept(std::string_view s) {
 }
 
 void Parser::error(const SourcePlace& place, std::string message, std::string hint) {
-  diagnostics_.add({Severity::kError, RiError::kSyntax, source_.location(place), std::move(message), std::move(hint),
-                    source_.line(place)});
+  diagnostics_.add({Severity::kError, RiError::kSyntax, source_.location(place), std::move(message),
+                    std::move(hint), source_.line(place)});
 }
 
 std::string Parser::found() const {
   const SlToken& t = peek();
   switch (t.kind) {
-    case TokenKind::kEnd: return "the end of the file";
-    case TokenKind::kNumber: return "a number";
-    case TokenKind::kString: return "a string";
-    default: return "'" + t.text + "'";
+    case TokenKind::kEnd:
+      return "the end of the file";
+    case TokenKind::kNumber:
+      return "a number";
+    case TokenKind::kString:
+      return "a string";
+    default:
+      return "'" + t.text + "'";
   }
 }
 
@@ -43,7 +49,7 @@ bool Parser::expect(std::string_view s, std::string_view where) {
   SourcePlace place = peek().place;
   if (s == ";" && pos_ > 0 && tokens_[pos_ - 1].place.line != place.line) {
     place = tokens_[pos_ - 1].place;
-    place.column += uint32_t(tokens_[pos_ - 1].text.size());
+    place.column += tokens_[pos_ - 1].length;
   }
   error(place, fmt::format("expected '{}' {}, found {}", s, where, found()));
   return false;
@@ -141,7 +147,8 @@ bool Parser::variableName(Variable& v) {
   const SlToken& t = peek();
   if (t.kind != TokenKind::kIdentifier) {
     std::string hint;
-    if (t.kind == TokenKind::kKeyword) hint = "'" + t.text + "' is a word of the language; choose another name";
+    if (t.kind == TokenKind::kKeyword)
+      hint = "'" + t.text + "' is a word of the language; choose another name";
     error(t.place, fmt::format("expected a variable name, found {}", found()), hint);
     return false;
   }
@@ -178,7 +185,8 @@ bool Parser::formals(std::vector<Variable>& out) {
       SlType next;
       // A comma separates names of one type, or (C habit) whole parameters.
       const SlToken& after = peek(1);
-      const bool newGroup = typeOf(after, next) || after.is("uniform") || after.is("varying") || after.is("output");
+      const bool newGroup =
+          typeOf(after, next) || after.is("uniform") || after.is("varying") || after.is("output");
       if (peek().is(",") && !newGroup) {
         take();
         continue;
@@ -241,8 +249,12 @@ bool Parser::looksLikeFunction() const {
 
 void Parser::file() {
   static constexpr std::pair<std::string_view, ShaderType> kShaderWords[] = {
-      {"surface", ShaderType::kSurface}, {"light", ShaderType::kLight},   {"displacement", ShaderType::kDisplacement},
-      {"volume", ShaderType::kVolume},   {"imager", ShaderType::kImager}, {"transformation", ShaderType::kTransformation}};
+      {"surface", ShaderType::kSurface},
+      {"light", ShaderType::kLight},
+      {"displacement", ShaderType::kDisplacement},
+      {"volume", ShaderType::kVolume},
+      {"imager", ShaderType::kImager},
+      {"transformation", ShaderType::kTransformation}};
   while (peek().kind != TokenKind::kEnd) {
     if (accept(";")) continue;
     const size_t before = pos_;

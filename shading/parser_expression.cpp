@@ -6,15 +6,16 @@ using namespace ast;
 
 namespace {
 
-// Level 0 binds least. Within a level operators associate to the left. RISpec 3.2.1 section 13.1: the dot product
-// binds tighter than * and /, the cross product looser.
-constexpr std::string_view kLevels[][4] = {{"||"}, {"&&"}, {"==", "!="}, {"<", "<=", ">", ">="},
-                                           {"+", "-"}, {"^"}, {"*", "/"}, {"."}};
+// Level 0 binds least. Within a level operators associate to the left. RISpec 3.2.1 section 13.1: the dot
+// product binds tighter than * and /, the cross product looser.
+constexpr std::string_view kLevels[][4] = {{"||"},     {"&&"}, {"==", "!="}, {"<", "<=", ">", ">="},
+                                           {"+", "-"}, {"^"},  {"*", "/"},   {"."}};
 constexpr int kLevelCount = 8;
 constexpr uint32_t kMaxDepth = 1000;
 
 bool isTextureCall(std::string_view name) {
-  return name == "texture" || name == "environment" || name == "shadow" || name == "bump" || name == "texture3d";
+  return name == "texture" || name == "environment" || name == "shadow" || name == "bump" ||
+         name == "texture3d";
 }
 
 }  // namespace
@@ -145,20 +146,42 @@ Expr* Parser::parenthesised() {
   return finish(e);
 }
 
+/// name[channel], where name[i] alone is no element of an array of strings: that is (name[i]) or
+/// name[i][channel].
+bool Parser::textureName(Expr* call) {
+  Expr* name = nullptr;
+  if ((peek().kind == TokenKind::kIdentifier || peek().kind == TokenKind::kString) && peek(1).is("[")) {
+    const SlToken file = take();
+    name = make(file.kind == TokenKind::kString ? ExprKind::kString : ExprKind::kName, file.place);
+    name->text = file.text;
+  } else {
+    name = expression();
+  }
+  if (!name) return false;
+  call->args = {name};
+  for (int brackets = 0; peek().is("[") && brackets < 2; ++brackets) {
+    take();
+    Expr* inside = expression();
+    if (!inside || !expect("]", "after the channel")) return false;
+    if (call->channel) {
+      // A second pair of brackets: the first held an index.
+      name->kind = ExprKind::kIndex;
+      name->args = {call->args[1]};
+      call->args[1] = inside;
+    } else {
+      call->channel = true;
+      call->args.push_back(inside);
+    }
+    if (name->kind != ExprKind::kName) break;
+  }
+  return true;
+}
+
 bool Parser::arguments(Expr* call) {
   if (!peek().is(")")) {
     do {
-      if (call->args.empty() && isTextureCall(call->text) &&
-          (peek().kind == TokenKind::kIdentifier || peek().kind == TokenKind::kString) && peek(1).is("[")) {
-        // name[channel], not an element of an array of strings.
-        const SlToken file = take();
-        Expr* name = make(file.kind == TokenKind::kString ? ExprKind::kString : ExprKind::kName, file.place);
-        name->text = file.text;
-        take();
-        Expr* channel = expression();
-        if (!channel || !expect("]", "after the channel")) return false;
-        call->channel = true;
-        call->args = {name, channel};
+      if (call->args.empty() && isTextureCall(call->text)) {
+        if (!textureName(call)) return false;
         continue;
       }
       Expr* e = expression();
@@ -205,7 +228,8 @@ Expr* Parser::primary() {
       e->text = take().text;
       return e;
     }
-    case TokenKind::kIdentifier: return name();
+    case TokenKind::kIdentifier:
+      return name();
     case TokenKind::kPunctuation:
       if (t.is("(")) return parenthesised();
       break;
@@ -216,7 +240,8 @@ Expr* Parser::primary() {
       if ((t.text == "surface" || t.text == "displacement") && peek(1).is("(")) return name();
       break;
     }
-    case TokenKind::kEnd: break;
+    case TokenKind::kEnd:
+      break;
   }
   if (!tooDeep_) error(t.place, fmt::format("expected an expression, found {}", found()));
   return nullptr;

@@ -61,6 +61,7 @@ class Parser {
   ast::Expr* name();
   ast::Expr* initializer();
   bool arguments(ast::Expr* call);
+  bool textureName(ast::Expr* call);
 
   ast::Expr* make(ast::ExprKind kind, const SourcePlace& place);
   ast::Expr* finish(ast::Expr* e);  // sets the depth; null if too deep

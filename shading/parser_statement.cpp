@@ -19,7 +19,9 @@ Stmt* Parser::block() {
   expect("{", "before a block");
   while (!peek().is("}")) {
     if (peek().kind == TokenKind::kEnd) {
-      if (!tooDeep_) error(peek().place, fmt::format("missing '}}': the block that begins in line {} has no end", open.line));
+      if (!tooDeep_)
+        error(peek().place,
+              fmt::format("missing '}}': the block that begins in line {} has no end", open.line));
       return s;
     }
     const size_t before = pos_;
@@ -44,7 +46,8 @@ Stmt* Parser::statement() {
   if (t.is("break") || t.is("continue") || t.is("return")) return jumpStatement();
   if (t.is("illuminance") || t.is("illuminate") || t.is("solar")) return lightStatement();
   if (t.is("gather")) return gatherStatement();
-  if (options_.prelude && t.kind == TokenKind::kIdentifier && t.text == "__ambientlights") return lightStatement();
+  if (options_.prelude && t.kind == TokenKind::kIdentifier && t.text == "__ambientlights")
+    return lightStatement();
 
   SlType type;
   const bool functionFollows = typeOf(t, type) && peek(1).kind == TokenKind::kIdentifier && peek(2).is("(");
@@ -63,9 +66,9 @@ Stmt* Parser::statement() {
     --pos_;  // a cast in front of a call, as a statement
     return expressionStatement();
   }
-  if (atSpecifier() || (typeOf(t, type) && (peek(1).kind == TokenKind::kIdentifier || peek(1).is("[") ||
-                                            peek(1).is("uniform") || peek(1).is("varying") ||
-                                            peek(1).kind == TokenKind::kKeyword))) {
+  if (atSpecifier() || (typeOf(t, type) &&
+                        (peek(1).kind == TokenKind::kIdentifier || peek(1).is("[") || peek(1).is("uniform") ||
+                         peek(1).is("varying") || peek(1).kind == TokenKind::kKeyword))) {
     Variable v;
     specifiers(v);
     if (!typeOf(peek(), v.type) || v.type == SlType::kVoid) {

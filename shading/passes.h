@@ -20,7 +20,8 @@ std::string_view preludeSource();
 
 /// Replaces copies of values that do not change by the values themselves.
 void propagateCopies(ShaderProgram& program);
-/// Removes instructions without an effect: unused results, stores that are overwritten at once, empty conditionals.
+/// Removes instructions without an effect: unused results, stores that are overwritten at once, empty
+/// conditionals.
 void removeDeadCode(ShaderProgram& program);
 /// Decides which locals and temporaries are uniform. Reports varying values in uniform variables, and (lint)
 /// derivatives under varying control. Returns for each instruction whether some points may be inactive.

@@ -31,13 +31,15 @@ Result<std::string> readSourceFile(const std::string& path) {
   std::error_code ec;
   const auto status = std::filesystem::status(path, ec);
   if (ec || !std::filesystem::exists(status)) return makeError(RiError::kNoFile, "cannot find '{}'", path);
-  if (!std::filesystem::is_regular_file(status)) return makeError(RiError::kNoFile, "'{}' is not a file", path);
+  if (!std::filesystem::is_regular_file(status))
+    return makeError(RiError::kNoFile, "'{}' is not a file", path);
   const auto size = std::filesystem::file_size(path, ec);
   if (ec) return makeError(RiError::kNoFile, "cannot read '{}'", path);
   if (size > (16u << 20)) return makeError(RiError::kLimit, "'{}' is larger than 16 MB", path);
   std::ifstream in(path, std::ios::binary);
   std::string text(size, '\0');
-  if (!in.read(text.data(), std::streamsize(size))) return makeError(RiError::kNoFile, "cannot read '{}'", path);
+  if (!in.read(text.data(), std::streamsize(size)))
+    return makeError(RiError::kNoFile, "cannot read '{}'", path);
   return text;
 }
 
@@ -84,13 +86,23 @@ struct RunState {
   uint32_t fileOf(const std::string& name) {
     auto it = fileIndex.find(name);
     if (it != fileIndex.end()) return it->second;
+    // Wave writes one file's name in several ways (relative, absolute, with "./").
+    std::error_code ec;
+    const std::string canonical =
+        std::filesystem::weakly_canonical(std::filesystem::absolute(name, ec), ec).string();
+    if (!ec) {
+      it = fileIndex.find(canonical);
+      if (it != fileIndex.end()) return fileIndex.emplace(name, it->second).first->second;
+    }
     const uint32_t i = uint32_t(out->files.size());
+    if (!ec) fileIndex.emplace(canonical, i);
     if (i >= 4095) return 4094;
     out->files.push_back({name, "", 0});
     fileIndex.emplace(name, i);
     return i;
   }
-  void add(Severity severity, RiError code, const std::string& file, size_t line, size_t column, std::string message) {
+  void add(Severity severity, RiError code, const std::string& file, size_t line, size_t column,
+           std::string message) {
     Diagnostic d;
     d.severity = severity;
     d.code = code;
@@ -142,7 +154,8 @@ bool conditionsAreShallow(const std::string& t) {
         return c == '(' || c == '!' || c == '~' || c == '-' || c == '+' || c == '?';
       }));
       const size_t word = t.find_first_not_of(" \t", first + 1);
-      if (deep > 500 && word < end && (t.compare(word, 2, "if") == 0 || t.compare(word, 4, "elif") == 0)) return false;
+      if (deep > 500 && word < end && (t.compare(word, 2, "if") == 0 || t.compare(word, 4, "elif") == 0))
+        return false;
     }
     i = end + 1;
   }
@@ -157,7 +170,8 @@ struct InputPolicy {
     static void init_iterators(Context& c, const Position& at, boost::wave::language_support language) {
       const std::string name(c.filename.c_str());
       Result<std::string> text = readSourceFile(name);
-      if (text && !conditionsAreShallow(*text)) text = makeError(RiError::kLimit, "'{}': #if nested too deeply", name);
+      if (text && !conditionsAreShallow(*text))
+        text = makeError(RiError::kLimit, "'{}': #if nested too deeply", name);
       if (!text) {
         if (tRun)
           tRun->add(Severity::kError, text.error().code, std::string(at.get_file().c_str()), at.get_line(),
@@ -184,8 +198,9 @@ struct InputPolicy {
 
 struct Hooks : boost::wave::context_policies::default_preprocessing_hooks {
   template <class Context, class Token, class Container, class Iterator>
-  bool expanding_function_like_macro(const Context&, const Token&, const std::vector<Token>&, const Container& body,
-                                     const Token&, const std::vector<Container>& arguments, const Iterator&,
+  bool expanding_function_like_macro(const Context&, const Token&, const std::vector<Token>&,
+                                     const Container& body, const Token&,
+                                     const std::vector<Container>& arguments, const Iterator&,
                                      const Iterator&) {
     size_t n = body.size() + 1;
     for (const Container& a : arguments) n += a.size();
@@ -231,7 +246,8 @@ using Context = boost::wave::context<std::string::const_iterator, LexIterator, I
 void setUp(Context& ctx, const PreprocessOptions& options) {
   using namespace boost::wave;
   ctx.set_language(language_support(support_c99 | support_option_emit_pragma_directives |
-                                    support_option_no_character_validation | support_option_insert_whitespace));
+                                    support_option_no_character_validation |
+                                    support_option_insert_whitespace));
   ctx.set_max_include_nesting_depth(options.maxIncludeDepth);
   for (const std::string& path : options.includePaths) {
     ctx.add_sysinclude_path(path.c_str());
@@ -264,7 +280,8 @@ void copyTokens(Context& ctx, RunState& run) {
       lastFile = run.fileOf(name);
     }
     if (out.text.size() + text.size() > run.options->maxOutputBytes) throw LimitReached();
-    out.runs.push_back({uint32_t(out.text.size()), {lastFile, uint32_t(at.get_line()), uint32_t(at.get_column())}});
+    out.runs.push_back(
+        {uint32_t(out.text.size()), {lastFile, uint32_t(at.get_line()), uint32_t(at.get_column())}});
     out.text.append(text.c_str(), text.size());
   }
 }
@@ -276,8 +293,10 @@ bool preprocess(const std::string& fileName, std::string text, const PreprocessO
   out = {};
   const uint64_t hash = hashBytes(text.data(), text.size());
   const std::string source = normalised(std::move(text));
-  out.files.push_back({fileName, source, hash});
-  RunState run{&out, &diagnostics, &options, 0, {{fileName, 0}}, {fileName}};
+  RunState run{&out, &diagnostics, &options, 0, {}, {fileName}};
+  out.files.clear();
+  run.fileOf(fileName);
+  out.files[0] = {fileName, source, hash};
   const size_t errorsBefore = diagnostics.errorCount();
   if (!conditionsAreShallow(source)) {
     run.add(Severity::kError, RiError::kLimit, fileName, 0, 0, "#if nested too deeply");

@@ -24,7 +24,8 @@ std::string withoutExtension(const std::string& name) {
   return name;
 }
 
-/// True when a source that the program was compiled from has other bytes now. `source`: where its main file is.
+/// True when a source that the program was compiled from has other bytes now. `source`: where its main file
+/// is.
 bool isStale(const ShaderProgram& p, const std::string& source) {
   for (size_t i = 0; i < p.files.size(); ++i) {
     if (p.fileHashes[i] == 0) continue;
@@ -88,7 +89,8 @@ ShaderLibrary::Found ShaderLibrary::load(const std::string& name) {
   if (name.front() == '/') {
     stems.push_back(name);
   } else {
-    for (const std::string& folder : options_.folders) stems.push_back(folder.empty() ? name : folder + "/" + name);
+    for (const std::string& folder : options_.folders)
+      stems.push_back(folder.empty() ? name : folder + "/" + name);
     if (name.find('/') != std::string::npos) stems.push_back(name);
     if (!options_.standardShaders.empty()) stems.push_back(options_.standardShaders + "/" + name);
   }
@@ -99,8 +101,8 @@ ShaderLibrary::Found ShaderLibrary::load(const std::string& name) {
   }
   std::string where;
   for (const std::string& folder : options_.folders) where += (where.empty() ? "" : ":") + folder;
-  return makeError(RiError::kNoShader, "there is no shader '{}' (searched: {}{}the standard shaders)", name, where,
-                   where.empty() ? "" : " and ");
+  return makeError(RiError::kNoShader, "there is no shader '{}' (searched: {}{}the standard shaders)", name,
+                   where, where.empty() ? "" : " and ");
 }
 
 ShaderLibrary::Found ShaderLibrary::tryFolder(const std::string& stem, bool& exists) {
@@ -115,7 +117,9 @@ ShaderLibrary::Found ShaderLibrary::tryFolder(const std::string& stem, bool& exi
       return std::make_shared<const ShaderProgram>(std::move(*p));
     }
     if (!p && !haveSource) return std::move(p).error();
-    if (!p) report(Error{p.error().code, Severity::kWarning, {}, p.error().message + "; compiling the source instead"});
+    if (!p)
+      report(Error{
+          p.error().code, Severity::kWarning, {}, p.error().message + "; compiling the source instead"});
   }
   if (haveSource) return compile(sl, slx);
   exists = false;
@@ -132,7 +136,8 @@ ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::
     std::lock_guard lock(mutex_);
     statistics_.loaded++;
     statistics_.compiled++;
-    statistics_.compileSeconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    statistics_.compileSeconds +=
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   for (const Diagnostic& d : diagnostics.all()) report(Error{d.code, d.severity, d.where, d.message});
   if (!p) return std::move(p).error();

@@ -14,25 +14,26 @@ namespace fr {
 
 /// Folders of the environment variable SHADERS, separated by ':'.
 std::vector<std::string> shaderPathFromEnvironment();
-/// Folder of the shaders that come with the program: ../share/frankenrender/shaders from the executable; "" when
-/// there is none.
+/// Folder of the shaders that come with the program: ../share/frankenrender/shaders from the executable; ""
+/// when there is none.
 std::string standardShaderFolder();
 
-/// Thread safety: all functions may be called by any thread; two threads that ask for one shader compile it once.
+/// Thread safety: all functions may be called by any thread; two threads that ask for one shader compile it
+/// once.
 class ShaderLibrary {
  public:
   struct Options {
     std::vector<std::string> folders;  // searched in order
     std::string standardShaders;       // searched last, also for #include
     CompileOptions compile;
-    bool writeCompiled = false;        // put the .slx beside the source; failures to do so are ignored
+    bool writeCompiled = false;  // put the .slx beside the source; failures to do so are ignored
   };
   explicit ShaderLibrary(Options options);
 
   /// "name", "folder/name", "/absolute/name", each also with .sl, .slx or the extensions of other renderers
-  /// (.slo, .slc, .sdl, .sdr), which stand for the name alone. A .slx older than its source (by content) is not used.
-  /// Errors: kNoShader when there is no such shader; else what is wrong with it, after all compiler messages were
-  /// reported. Failures are remembered too: one message for one broken shader.
+  /// (.slo, .slc, .sdl, .sdr), which stand for the name alone. A .slx older than its source (by content) is
+  /// not used. Errors: kNoShader when there is no such shader; else what is wrong with it, after all compiler
+  /// messages were reported. Failures are remembered too: one message for one broken shader.
   Result<std::shared_ptr<const ShaderProgram>> find(const std::string& name);
 
   struct Statistics {

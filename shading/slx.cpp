@@ -145,7 +145,8 @@ Result<ShaderProgram> readSlx(std::span<const char> bytes) {
   if (std::memcmp(h.magic, kMagic, 8) != 0) return bad("wrong first bytes");
   if (h.endian != kEndian) return bad("byte order of another machine");
   if (h.version != kSlxVersion)
-    return makeError(RiError::kVersion, "the .slx file has version {}, this program reads {}", h.version, kSlxVersion);
+    return makeError(RiError::kVersion, "the .slx file has version {}, this program reads {}", h.version,
+                     kSlxVersion);
   const std::span<const char> payload = bytes.subspan(sizeof(h));
   if (h.payloadBytes != payload.size()) return bad("wrong length");
   if (h.payloadHash != hashBytes(payload.data(), payload.size())) return bad("checksum");
@@ -170,7 +171,8 @@ Result<ShaderProgram> readSlx(std::span<const char> bytes) {
   std::vector<Op> ops;
   for (const std::string& n : names) {
     ops.push_back(opByName(n));
-    if (ops.back() == Op::kCount) return makeError(RiError::kVersion, "the .slx file uses the unknown operation '{}'", n);
+    if (ops.back() == Op::kCount)
+      return makeError(RiError::kVersion, "the .slx file uses the unknown operation '{}'", n);
   }
   for (Instruction& in : p.code) {
     const size_t i = size_t(in.op);

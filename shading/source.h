@@ -22,8 +22,8 @@ struct SourceRun {
 
 struct PreprocessedSource {
   std::string text;
-  std::vector<SourceRun> runs;     // ascending offsets
-  std::vector<SourceFile> files;   // files[0] is the file that was given
+  std::vector<SourceRun> runs;    // ascending offsets
+  std::vector<SourceFile> files;  // files[0] is the file that was given
   SourcePlace placeOf(size_t offset) const;
   SourceLocation location(const SourcePlace& place) const;
   std::string line(const SourcePlace& place) const;  // "" when unknown
@@ -37,9 +37,9 @@ struct PreprocessOptions {
   size_t maxMacroExpansions = 1u << 20;
 };
 
-/// Runs the C preprocessor (Boost.Wave, C99 rules) over `text`. FRANKENRENDER and BMRT are predefined as 1; #line is
-/// honoured; #pragma lines stay in the text. Errors go to `diagnostics`; false when there is no usable text.
-/// Never throws. Thread-safe.
+/// Runs the C preprocessor (Boost.Wave, C99 rules) over `text`. FRANKENRENDER and BMRT are predefined as 1;
+/// #line is honoured; #pragma lines stay in the text. Errors go to `diagnostics`; false when there is no
+/// usable text. Never throws. Thread-safe.
 bool preprocess(const std::string& fileName, std::string text, const PreprocessOptions& options,
                 PreprocessedSource& out, Diagnostics& diagnostics);
 

@@ -9,7 +9,8 @@ class Uniformity {
 
   std::vector<bool> run() {
     for (Symbol& s : p_.symbols)
-      if ((s.storage == Storage::kLocal || s.storage == Storage::kTemp) && !s.declaredClass) s.cls = SlClass::kUniform;
+      if ((s.storage == Storage::kLocal || s.storage == Storage::kTemp) && !s.declaredClass)
+        s.cls = SlClass::kUniform;
     loopVaries_.assign(p_.code.size(), false);
     uniformRandom();
     do {
@@ -41,7 +42,8 @@ class Uniformity {
   void uniformRandom() {
     for (size_t i = 0; i + 1 < p_.code.size(); ++i) {
       const Op op = p_.code[i].op, next = p_.code[i + 1].op;
-      if ((op != Op::random_f && op != Op::random_t) || (next != Op::assign_f && next != Op::assign_t)) continue;
+      if ((op != Op::random_f && op != Op::random_t) || (next != Op::assign_f && next != Op::assign_t))
+        continue;
       const auto a = p_.operands(p_.code[i]), b = p_.operands(p_.code[i + 1]);
       if ((a[0] & kArgIndex) != (b[1] & kArgIndex)) continue;
       if (symbol(b[0]).declaredClass && symbol(b[0]).cls == SlClass::kUniform)
@@ -73,15 +75,21 @@ class Uniformity {
   void control(uint32_t i, const Instruction& in, bool conditionVaries) {
     const bool now = varying();
     switch (in.op) {
-      case Op::if_begin: frames_.push_back({i, in.op, now || conditionVaries}); break;
-      case Op::loop_begin: frames_.push_back({i, in.op, now || loopVaries_[i]}); break;
+      case Op::if_begin:
+        frames_.push_back({i, in.op, now || conditionVaries});
+        break;
+      case Op::loop_begin:
+        frames_.push_back({i, in.op, now || loopVaries_[i]});
+        break;
       case Op::loop_test:
         if (conditionVaries && !frames_.empty()) {
           markLoop(frames_.back().begin);
           frames_.back().varying = true;
         }
         break;
-      case Op::inline_begin: frames_.push_back({i, in.op, now}); break;
+      case Op::inline_begin:
+        frames_.push_back({i, in.op, now});
+        break;
       case Op::illuminance_begin:
       case Op::illuminance_cone_begin:
       case Op::ambient_begin:
@@ -89,8 +97,11 @@ class Uniformity {
       case Op::illuminate_begin:
       case Op::illuminate_cone_begin:
       case Op::solar_begin:
-      case Op::solar_cone_begin: frames_.push_back({i, in.op, true}); break;
-      case Op::if_else: break;
+      case Op::solar_cone_begin:
+        frames_.push_back({i, in.op, true});
+        break;
+      case Op::if_else:
+        break;
       case Op::if_end:
       case Op::loop_end:
       case Op::inline_end:
@@ -114,7 +125,8 @@ class Uniformity {
         leaveUpTo(k);
         break;
       }
-      default: break;
+      default:
+        break;
     }
   }
 
@@ -128,15 +140,16 @@ class Uniformity {
       bool value = (info.flags & (kOpResultVarying | kOpRay)) != 0;
       for (uint32_t a : operands)
         if ((a & kArgRead) && !(a & kArgWritten) && symbol(a).isVarying()) value = true;
-      const bool ofPoint = in.op == Op::msg_surface || in.op == Op::msg_displacement || in.op == Op::msg_atmosphere ||
-                           in.op == Op::msg_lightsource || in.op == Op::msg_incident || in.op == Op::msg_opposite ||
-                           in.op == Op::get_rayinfo;
+      const bool ofPoint = in.op == Op::msg_surface || in.op == Op::msg_displacement ||
+                           in.op == Op::msg_atmosphere || in.op == Op::msg_lightsource ||
+                           in.op == Op::msg_incident || in.op == Op::msg_opposite || in.op == Op::get_rayinfo;
       for (uint32_t a : operands) {
         if (!(a & kArgWritten)) continue;
         const bool inout = (a & kArgRead) != 0;
         bool result = (info.flags & kOpResultUniform) && !inout ? false : value;
         if (inout && (ofPoint || (info.flags & kOpControl))) result = true;
-        const bool masked = (info.flags & kOpMasked) && varying() && !((info.flags & kOpResultUniform) && !inout);
+        const bool masked =
+            (info.flags & kOpMasked) && varying() && !((info.flags & kOpResultUniform) && !inout);
         if (final) {
           check(in, a, result, masked);
         } else if (result || masked) {
@@ -166,15 +179,16 @@ class Uniformity {
                  ? "declare the parameter 'varying'"
                  : "declare the variable 'varying'");
     } else if (masked) {
-      lint(in, fmt::format("uniform variable '{}' changes where only some points are active", p_.strings[s.name]));
+      lint(in, fmt::format("uniform variable '{}' changes where only some points are active",
+                           p_.strings[s.name]));
     }
   }
 
   void report(Severity severity, const Instruction& in, std::string message, std::string hint) {
     if (!context_.diagnostics) return;
     const SourcePlace place{in.file(), in.line(), in.column()};
-    context_.diagnostics->add({severity, RiError::kSyntax, context_.source->location(place), std::move(message),
-                               std::move(hint), context_.source->line(place)});
+    context_.diagnostics->add({severity, RiError::kSyntax, context_.source->location(place),
+                               std::move(message), std::move(hint), context_.source->line(place)});
   }
 
   void lint(const Instruction& in, std::string message) {

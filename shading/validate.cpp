@@ -8,8 +8,8 @@ namespace {
 Error bad(std::string what) { return makeError(RiError::kBadFile, "invalid program: {}", what); }
 
 bool validSymbol(const ShaderProgram& p, const Symbol& s) {
-  if (s.name >= p.strings.size() || s.type >= SlType::kVoid || s.storage > Storage::kTemp || s.cls > SlClass::kVarying ||
-      s.declaredClass > 1 || s.arrayLength > kMaxArrayLength)
+  if (s.name >= p.strings.size() || s.type >= SlType::kVoid || s.storage > Storage::kTemp ||
+      s.cls > SlClass::kVarying || s.declaredClass > 1 || s.arrayLength > kMaxArrayLength)
     return false;
   if (s.storage == Storage::kConstant) {
     if (s.cls != SlClass::kUniform) return false;
@@ -28,14 +28,19 @@ bool scalarFits(char c, const Symbol& s) {
   if (s.isArray()) return false;
   switch (c) {
     case 'F':
-    case 'f': return s.type == SlType::kFloat;
+    case 'f':
+      return s.type == SlType::kFloat;
     case 'T':
-    case 't': return isTriple(s.type);
+    case 't':
+      return isTriple(s.type);
     case 'M':
-    case 'm': return s.type == SlType::kMatrix;
+    case 'm':
+      return s.type == SlType::kMatrix;
     case 'S':
-    case 's': return s.type == SlType::kString;
-    default: return false;
+    case 's':
+      return s.type == SlType::kString;
+    default:
+      return false;
   }
 }
 
@@ -46,22 +51,33 @@ bool operandFits(char c, uint32_t a, const Symbol& s) {
     case 'F':
     case 'T':
     case 'M':
-    case 'S': return writes && !reads && scalarFits(c, s);
-    case '#': return writes && !reads;
-    case '!': return reads && writes;
-    case 'x': return reads && writes && s.isArray();
-    case 'a': return reads && !writes && s.isArray();
-    case '?': return reads && !writes;
-    default: return reads && !writes && scalarFits(c, s);
+    case 'S':
+      return writes && !reads && scalarFits(c, s);
+    case '#':
+      return writes && !reads;
+    case '!':
+      return reads && writes;
+    case 'x':
+      return reads && writes && s.isArray();
+    case 'a':
+      return reads && !writes && s.isArray();
+    case '?':
+      return reads && !writes;
+    default:
+      return reads && !writes && scalarFits(c, s);
   }
 }
 
 bool elementFits(char kind, const Symbol& array) {
   switch (kind) {
-    case 'f': return array.type == SlType::kFloat;
-    case 't': return isTriple(array.type);
-    case 'm': return array.type == SlType::kMatrix;
-    default: return array.type == SlType::kString;
+    case 'f':
+      return array.type == SlType::kFloat;
+    case 't':
+      return isTriple(array.type);
+    case 'm':
+      return array.type == SlType::kMatrix;
+    default:
+      return array.type == SlType::kString;
   }
 }
 
@@ -76,18 +92,26 @@ bool extraRules(const ShaderProgram& p, const Instruction& in) {
     case Op::load_f:
     case Op::load_t:
     case Op::load_m:
-    case Op::load_s: return elementFits(name.back(), p.symbol(o[1]));
+    case Op::load_s:
+      return elementFits(name.back(), p.symbol(o[1]));
     case Op::store_f:
     case Op::store_t:
     case Op::store_m:
-    case Op::store_s: return elementFits(name.back(), p.symbol(o[0]));
-    case Op::setcomp_t: return isTriple(p.symbol(o[0]).type) && !p.symbol(o[0]).isArray();
-    case Op::setcomp_m: return p.symbol(o[0]).type == SlType::kMatrix && !p.symbol(o[0]).isArray();
-    case Op::spline_fa: return elementFits('f', p.symbol(o[3]));
-    case Op::spline_ta: return elementFits('t', p.symbol(o[3]));
+    case Op::store_s:
+      return elementFits(name.back(), p.symbol(o[0]));
+    case Op::setcomp_t:
+      return isTriple(p.symbol(o[0]).type) && !p.symbol(o[0]).isArray();
+    case Op::setcomp_m:
+      return p.symbol(o[0]).type == SlType::kMatrix && !p.symbol(o[0]).isArray();
+    case Op::spline_fa:
+      return elementFits('f', p.symbol(o[3]));
+    case Op::spline_ta:
+      return elementFits('t', p.symbol(o[3]));
     case Op::spline_f:
-    case Op::spline_t: return in.argCount >= 7;
-    default: return true;
+    case Op::spline_t:
+      return in.argCount >= 7;
+    default:
+      return true;
   }
 }
 
@@ -97,7 +121,8 @@ Result<void> validateInstruction(const ShaderProgram& p, uint32_t index) {
   const auto wrong = [&](const char* what) {
     return bad(fmt::format("instruction {} ({}): {}", index, info.name, what));
   };
-  if (in.firstArg > p.args.size() || in.argCount > p.args.size() - in.firstArg) return wrong("operands out of range");
+  if (in.firstArg > p.args.size() || in.argCount > p.args.size() - in.firstArg)
+    return wrong("operands out of range");
   const char* sig = info.signature;
   const auto operands = p.operands(in);
   bool varyingInput = false;
@@ -112,7 +137,8 @@ Result<void> validateInstruction(const ShaderProgram& p, uint32_t index) {
   if (*sig == '*') {
     if ((operands.size() - k) % 2) return wrong("optional parameters do not come in pairs");
     for (; k < operands.size(); k += 2) {
-      if (!operandFits('s', operands[k], p.symbol(operands[k]))) return wrong("name of an optional parameter");
+      if (!operandFits('s', operands[k], p.symbol(operands[k])))
+        return wrong("name of an optional parameter");
       if (!(operands[k + 1] & kArgRead)) return wrong("value of an optional parameter");
     }
   } else if (*sig != '\0' && sig[1] != '+') {
@@ -152,22 +178,26 @@ Result<void> validate(const ShaderProgram& p) {
   }
   if (floats > (uint64_t(1) << 26)) return bad("variables need too much memory");
   for (uint32_t a : p.args)
-    if ((a & kArgIndex) >= p.symbols.size() || !(a & (kArgRead | kArgWritten))) return bad("operand out of range");
+    if ((a & kArgIndex) >= p.symbols.size() || !(a & (kArgRead | kArgWritten)))
+      return bad("operand out of range");
   if (p.bodyBegin > p.code.size()) return bad("body");
   uint32_t last = 0;
   std::vector<uint32_t> edges;
   for (const Parameter& q : p.parameters) {
     if (q.symbol >= p.symbols.size()) return bad("parameter symbol");
     const Symbol& s = p.symbols[q.symbol];
-    if (s.storage != Storage::kParameter && s.storage != Storage::kOutputParameter) return bad("parameter storage");
-    if (q.codeBegin < last || q.codeEnd < q.codeBegin || q.codeEnd > p.bodyBegin) return bad("parameter code");
+    if (s.storage != Storage::kParameter && s.storage != Storage::kOutputParameter)
+      return bad("parameter storage");
+    if (q.codeBegin < last || q.codeEnd < q.codeBegin || q.codeEnd > p.bodyBegin)
+      return bad("parameter code");
     last = q.codeEnd;
     edges.push_back(q.codeBegin);
     edges.push_back(q.codeEnd);
     if (q.defaultConstant == kNoIndex) continue;
     if (q.defaultConstant >= p.symbols.size() || q.codeEnd != q.codeBegin) return bad("parameter default");
     const Symbol& c = p.symbols[q.defaultConstant];
-    if (c.storage != Storage::kConstant || slTypeFloats(c.type) != slTypeFloats(s.type) || c.arrayLength != s.arrayLength)
+    if (c.storage != Storage::kConstant || slTypeFloats(c.type) != slTypeFloats(s.type) ||
+        c.arrayLength != s.arrayLength)
       return bad("parameter default type");
   }
   for (uint32_t i = 0; i < p.code.size(); ++i) {

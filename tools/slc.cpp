@@ -33,7 +33,8 @@ int compileOne(const std::string& file, const Settings& s) {
   if (!s.quiet || diagnostics.hasErrors()) std::fputs(diagnostics.str().c_str(), stderr);
   if (!programs) return 1;
   if (!s.output.empty() && programs->size() > 1) {
-    std::fprintf(stderr, "slc: '%s' holds %zu shaders: -o names only one file\n", file.c_str(), programs->size());
+    std::fprintf(stderr, "slc: '%s' holds %zu shaders: -o names only one file\n", file.c_str(),
+                 programs->size());
     return 1;
   }
   int status = 0;
@@ -54,15 +55,20 @@ int compileOne(const std::string& file, const Settings& s) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app{"Compiles RenderMan Shading Language sources to .slx files, one for each shader, in this folder.", "slc"};
+  CLI::App app{
+      "Compiles RenderMan Shading Language sources to .slx files, one for each shader, in this folder.",
+      "slc"};
   app.add_option("files", s.files, "shader sources (.sl)")->required();
   app.add_option("-o,--output", s.output, "name of the compiled file (one shader only)");
   app.add_option("-I", s.includePaths, "folder for #include; may be repeated")->allow_extra_args(false);
   app.add_option("-D", s.defines, "macro NAME or NAME=VALUE; may be repeated")->allow_extra_args(false);
-  app.add_flag("-W,--warnings", s.lint, "more warnings: unused and uninitialised variables, undefined derivatives ...");
+  app.add_flag("-W,--warnings", s.lint,
+               "more warnings: unused and uninitialised variables, undefined derivatives ...");
   app.add_flag("-q,--quiet", s.quiet, "print errors only");
   app.set_version_flag("--version", "slc (frankenrender) " FR_VERSION);
-  app.footer("FRANKENRENDER and BMRT are defined as 1. Exit status: 0 compiled, 1 errors in a source, 2 wrong usage.");
+  app.footer(
+      "FRANKENRENDER and BMRT are defined as 1. Exit status: 0 compiled, 1 errors in a source, 2 wrong "
+      "usage.");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -101,7 +101,8 @@ int main(int argc, char** argv) {
   bool json = false, code = false;
   CLI::App app{"Prints the type, the parameters and the defaults of shaders.", "slctell"};
   app.add_option("shaders", names, "names or files; sources are compiled first")->required();
-  app.add_option("-I,--path", folders, "folder to search before SHADERS and the standard shaders")->allow_extra_args(false);
+  app.add_option("-I,--path", folders, "folder to search before SHADERS and the standard shaders")
+      ->allow_extra_args(false);
   app.add_flag("--json", json, "JSON, one object for each shader");
   app.add_flag("--code", code, "also the compiled program");
   app.set_version_flag("--version", "slctell (frankenrender) " FR_VERSION);
@@ -122,7 +123,8 @@ int main(int argc, char** argv) {
   for (const std::string& name : names) {
     const auto p = library.find(name);
     if (!p) {
-      if (p.error().code == fr::RiError::kNoShader) std::fprintf(stderr, "slctell: %s\n", p.error().message.c_str());
+      if (p.error().code == fr::RiError::kNoShader)
+        std::fprintf(stderr, "slctell: %s\n", p.error().message.c_str());
       status = 1;
       continue;
     }
