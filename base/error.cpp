@@ -5,6 +5,7 @@
 #include <set>
 
 #include "base/log.h"
+#include "base/report_mute.h"
 
 namespace fr {
 namespace {
@@ -72,7 +73,14 @@ std::string Error::str() const {
                      riErrorName(code));
 }
 
+namespace {
+thread_local int t_muted = 0;
+}
+ReportMute::ReportMute() { ++t_muted; }
+ReportMute::~ReportMute() { --t_muted; }
+
 void report(const Error& e) {
+  if (t_muted > 0) return;
   Reporter& r = reporter();
   r.last = int(e.code);
   r.counts[int(e.severity)]++;
@@ -87,6 +95,7 @@ void report(const Error& e) {
 }
 
 void reportOnce(std::string_view key, const Error& e) {
+  if (t_muted > 0) return;
   Reporter& r = reporter();
   {
     std::lock_guard lock(r.mutex);

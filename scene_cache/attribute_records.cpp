@@ -104,8 +104,8 @@ double largestStretch(const DMat4& m) {
 }
 
 AttributeRecords::AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state,
-                                   ri::TransformPtr worldToCamera, std::optional<float> shadingRate)
-    : writer_(writer), state_(state), worldToCamera_(std::move(worldToCamera)), shadingRate_(shadingRate) {}
+                                   bool cameraMirrored, std::optional<float> shadingRate)
+    : writer_(writer), state_(state), cameraMirrored_(cameraMirrored), shadingRate_(shadingRate) {}
 
 TransformId AttributeRecords::transform(const ri::TransformPtr& t) {
   if (!t) return writer_.addTransform({{0.0f}, {DMat4(1)}});
@@ -237,9 +237,8 @@ AttributeId AttributeRecords::attributes(const ri::AttributePtr& a, const ri::Tr
   // says whether they disagree in *object* space (`reversed`). The same cross product in camera space has the
   // other sign when the way from object to camera is mirrored.
   const bool objectMirrored = objectToWorld && isMirrored(objectToWorld->matrices.front());
-  const bool cameraMirrored = worldToCamera_ && isMirrored(worldToCamera_->matrices.front());
   if (a->reversed != objectMirrored) r.flags |= kReverseInCacheSpace;
-  if (a->reversed != (objectMirrored != cameraMirrored)) r.flags |= kReverseOrientation;
+  if (a->reversed != (objectMirrored != cameraMirrored_)) r.flags |= kReverseOrientation;
   return writer_.addAttributes(r);
 }
 

@@ -43,8 +43,8 @@ double largestStretch(const DMat4& m);
 /// The records of one world. Not thread-safe.
 class AttributeRecords {
  public:
-  /// `worldToCamera` decides orientation; `shadingRate`, when set, replaces every ShadingRate.
-  AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, ri::TransformPtr worldToCamera,
+  /// `cameraMirrored`: world to camera swaps handedness. `shadingRate`, when set, replaces every ShadingRate.
+  AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, bool cameraMirrored,
                    std::optional<float> shadingRate);
 
   TransformId transform(const ri::TransformPtr& t);
@@ -63,7 +63,7 @@ class AttributeRecords {
 
   SkeletonWriter& writer_;
   const ri::GraphicsState& state_;
-  ri::TransformPtr worldToCamera_;
+  bool cameraMirrored_;
   std::optional<float> shadingRate_;
   IdentityCache<ri::Transform, TransformId> transforms_;
   IdentityCache<ri::ShaderInstance, ShaderId> shaders_;

@@ -66,6 +66,13 @@ DisplayRecord displayRecord(const ri::DisplayRequest& d, const ri::Options& o, S
   return r;
 }
 
+int rayLevels(const ri::Options& o, int otherwise) {
+  return std::clamp(o.values.getInt("trace:maxdepth", o.values.getInt("render:max_raylevel", otherwise)), 0,
+                    1000);
+}
+
+constexpr const char* kPathCategories[] = {"shader", "texture", "archive", "procedural", "display"};
+
 StringId joinedPath(const ri::Options& o, const char* category, SkeletonWriter& w) {
   const auto it = o.searchPaths.find(category);
   if (it == o.searchPaths.end()) return 0;
@@ -137,14 +144,42 @@ void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCame
   params.reserve(o.values.all().size());
   for (const auto& [name, p] : o.values.all()) params.push_back(w.makeParam(p, name));
   r.options = w.addParams(params);
-  const int depth = o.values.getInt("trace:maxdepth", o.values.getInt("render:max_raylevel", 4));
-  r.maxRayLevel = std::clamp(depth, 0, 1000);
+  r.maxRayLevel = rayLevels(o, 4);
   r.frameNumber = frameNumber;
   w.setOptions(r);
 
   std::vector<StringId> paths;
-  for (const char* category : {"shader", "texture", "archive", "procedural", "display"})
-    paths.push_back(joinedPath(o, category, w));
+  for (const char* category : kPathCategories) paths.push_back(joinedPath(o, category, w));
+  w.setSearchPaths(paths);
+}
+
+void mergeTracerOptions(const ri::Options& tracer, SkeletonWriter* writer) {
+  SkeletonWriter& w = *writer;
+  OptionsRecord r = w.options();
+  r.maxRayLevel = rayLevels(tracer, r.maxRayLevel);
+  const auto known = w.params(r.options);
+  std::vector<ParamRecord> params(known.begin(), known.end());
+  const size_t own = params.size();
+  for (const auto& [name, p] : tracer.values.all()) {
+    const StringId id = w.intern(name);
+    if (std::none_of(params.begin(), params.begin() + ptrdiff_t(own),
+                     [&](const ParamRecord& k) { return k.name == id; }))
+      params.push_back(w.makeParam(p, name));
+  }
+  r.options = w.addParams(params);
+  w.setOptions(r);
+
+  const auto given = w.searchPaths();
+  std::vector<StringId> paths(given.begin(), given.end());
+  for (size_t i = 0; i < paths.size() && i < std::size(kPathCategories); ++i) {
+    const auto it = tracer.searchPaths.find(kPathCategories[i]);
+    if (it == tracer.searchPaths.end()) continue;
+    std::string all(w.string(paths[i]));
+    for (const std::string& folder : it->second)
+      if ((':' + all + ':').find(':' + folder + ':') == std::string::npos)
+        all += (all.empty() ? "" : ":") + folder;
+    paths[i] = w.intern(all);
+  }
   w.setSearchPaths(paths);
 }
 

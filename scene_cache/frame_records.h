@@ -16,6 +16,10 @@ ri::Options overridden(ri::Options options, const FrameOverrides& overrides);
 void writeFrameRecords(const ri::Options& options, const ri::TransformPtr& worldToCamera, int frameNumber,
                        AttributeRecords& records, SkeletonWriter* writer);
 
+/// What the ray tracer's own files say about options, added to those of the image: generic options that the
+/// image's files do not set, ray depth, search paths.
+void mergeTracerOptions(const ri::Options& tracer, SkeletonWriter* writer);
+
 /// Origin of cache space for a camera: its position rounded to a lattice that is coarse against the steps of
 /// a moving camera (successive frames share grids) and fine enough that floats resolve what stands at the
 /// near plane to 2^-18 of its distance. Zero when the matrix cannot be inverted.

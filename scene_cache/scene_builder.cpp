@@ -17,17 +17,30 @@ Frame::~Frame() {
 
 /// The world that is being built.
 struct SceneBuilder::World {
-  World(SkeletonWriter w, const ri::GraphicsState& state, const LoadOptions& options)
-      : writer(std::move(w)), records(writer, state, state.worldToCamera(), options.overrides.shadingRate) {}
-  SkeletonWriter writer;
+  World(SkeletonWriter& w, FrameCounts& c, const ri::GraphicsState& state, bool cameraMirrored,
+        const LoadOptions& options)
+      : writer(w), counts(c), records(w, state, cameraMirrored, options.overrides.shadingRate) {}
+  SkeletonWriter& writer;
+  FrameCounts& counts;
   AttributeRecords records;
+};
+/// A world that becomes a frame here.
+struct SceneBuilder::OwnWorld {
+  explicit OwnWorld(SkeletonWriter w) : writer(std::move(w)) {}
+  SkeletonWriter writer;
   FrameCounts counts;
   int number = 0;
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
-SceneBuilder::SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths)
-    : StateRenderer(std::move(standardPaths)), options_(options), onFrame_(std::move(onFrame)) {}
+SceneBuilder::SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths,
+                           WorldFiller* filler)
+    : StateRenderer(std::move(standardPaths)),
+      options_(options),
+      onFrame_(std::move(onFrame)),
+      filler_(filler) {}
+SceneBuilder::SceneBuilder(const LoadOptions& options, WorldSource* source, PathLists standardPaths)
+    : StateRenderer(std::move(standardPaths)), options_(options), source_(source) {}
 SceneBuilder::~SceneBuilder() = default;
 
 void SceneBuilder::notImplemented(std::string_view request, std::string_view consequence,
@@ -37,10 +50,16 @@ void SceneBuilder::notImplemented(std::string_view request, std::string_view con
           fmt::format("{} is not implemented; {} (said once)", request, consequence)});
 }
 
-// ---- worlds
-// --------------------------------------------------------------------------------------------------------
+// ---- worlds -----------------------------------------------------------------------------------------------
 
 void SceneBuilder::onWorldBegin() {
+  if (source_) {
+    if (const auto [writer, counts] = source_->take(); writer) {
+      const bool mirrored = isMirrored(writer->transform(writer->camera().worldToCamera).matrices.front());
+      world_ = std::make_unique<World>(*writer, *counts, state(), mirrored, options_);
+    }
+    return;
+  }
   ++worldsSeen_;
   if (abortRequested()) stopped_ = true;
   const int number = state().inside(ri::BlockKind::kFrame) ? state().frame() : worldsSeen_;
@@ -52,38 +71,47 @@ void SceneBuilder::onWorldBegin() {
     failure_ = std::move(writer).error();
     return;
   }
-  world_ = std::make_unique<World>(std::move(writer).value(), state(), options_);
-  world_->number = number;
-  writeFrameRecords(overridden(state().options(), options_.overrides), state().worldToCamera(), number,
-                    world_->records, &world_->writer);
+  own_ = std::make_unique<OwnWorld>(std::move(writer).value());
+  own_->number = number;
+  const ri::TransformPtr camera = state().worldToCamera();
+  world_ = std::make_unique<World>(own_->writer, own_->counts, state(),
+                                   camera && isMirrored(camera->matrices.front()), options_);
+  writeFrameRecords(overridden(state().options(), options_.overrides), camera, number, world_->records,
+                    &own_->writer);
 }
 
 void SceneBuilder::onWorldEnd() {
-  if (!world_) return;
-  World& w = *world_;
-  for (const auto& [name, place] : state().namedSpaces())
-    if (auto t = state().toWorld(place)) w.writer.addNamedSpace(name, w.records.transform(*t));
-  w.counts.lights = w.records.lightCount();
-  const int number = w.number;
-  FrameCounts counts = w.counts;
-  const auto start = w.start;
-  auto fd = w.writer.finish(options_.checksum);
-  world_.reset();  // free what building needed before the frame is rendered
+  if (world_) {
+    for (const auto& [name, place] : state().namedSpaces())
+      if (auto t = state().toWorld(place)) world_->writer.addNamedSpace(name, world_->records.transform(*t));
+    world_->counts.lights += world_->records.lightCount();
+    if (source_) mergeTracerOptions(state().options(), &world_->writer);
+    world_.reset();
+  }
+  if (source_) return source_->giveBack();
+  if (filler_) filler_->fill(own_ ? &own_->writer : nullptr, own_ ? &own_->counts : nullptr);
+  if (own_) deliver();
+}
+
+void SceneBuilder::deliver() {
+  auto fd = own_->writer.finish(options_.checksum);
+  const int number = own_->number;
+  FrameCounts counts = own_->counts;
+  counts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - own_->start).count();
+  own_.reset();  // free what building needed before the frame is rendered
   if (!fd) {
     failure_ = std::move(fd).error();
     return;
   }
   SkeletonHeader header{};
   if (pread(*fd, &header, sizeof(header), 0) != ssize_t(sizeof(header))) header.totalBytes = 0;
-  counts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (!onFrame_(Frame(number, *fd, header.totalBytes, counts))) stopped_ = true;
 }
 
-// ---- geometry
-// ------------------------------------------------------------------------------------------------------
+// ---- geometry ---------------------------------------------------------------------------------------------
 
 void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
-  if (!world_ || !p.source || p.source->samples.empty()) return;
+  if (!adding() || !p.source || p.source->samples.empty()) return;
   World& w = *world_;
   const ri::MovingPrimitive& source = *p.source;
   const ri::Primitive& primitive = source.samples.front();
@@ -167,7 +195,7 @@ void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
 }
 
 void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
-  if (!world_) return;
+  if (!adding()) return;
   if (p.source && p.source->kind == ri::ProceduralKind::kDelayedReadArchive && !p.source->data.empty() &&
       readArchive_) {
     // Read at once: the bound only says when it would be needed.
@@ -191,7 +219,7 @@ void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
 
 void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
                               const ri::TransformPtr& objectToWorld) {
-  if (!world_) return;
+  if (!adding()) return;
   ++world_->counts.instances;
   StateRenderer::onInstance(object, attributes, objectToWorld);
 }
@@ -217,63 +245,6 @@ void SceneBuilder::scopedCoordinateSystem(std::string name) {
   if (!world_) return;
   if (auto place = state().findSpace(name))
     if (auto t = state().toWorld(*place)) world_->writer.addNamedSpace(name, world_->records.transform(*t));
-}
-
-// ---- requests about the image
-// --------------------------------------------------------------------------------------
-
-bool SceneBuilder::imageOption(const char* request) {
-  if (sides_ & kForReyes) return true;
-  reportOnceHere(RiError::kNone, Severity::kInfo,
-                 fmt::format("{} is ignored in a file for the ray tracer alone", request));
-  return false;
-}
-
-void SceneBuilder::format(int xres, int yres, double pixelAspect) {
-  if (imageOption("Format")) StateRenderer::format(xres, yres, pixelAspect);
-}
-void SceneBuilder::frameAspectRatio(double aspect) {
-  if (imageOption("FrameAspectRatio")) StateRenderer::frameAspectRatio(aspect);
-}
-void SceneBuilder::screenWindow(double left, double right, double bottom, double top) {
-  if (imageOption("ScreenWindow")) StateRenderer::screenWindow(left, right, bottom, top);
-}
-void SceneBuilder::cropWindow(double xmin, double xmax, double ymin, double ymax) {
-  if (imageOption("CropWindow")) StateRenderer::cropWindow(xmin, xmax, ymin, ymax);
-}
-void SceneBuilder::projection(std::string name, ri::ParamList params) {
-  if (imageOption("Projection")) StateRenderer::projection(std::move(name), std::move(params));
-}
-void SceneBuilder::clipping(double near, double far) {
-  if (imageOption("Clipping")) StateRenderer::clipping(near, far);
-}
-void SceneBuilder::depthOfField(double fstop, double focalLength, double focalDistance) {
-  if (imageOption("DepthOfField")) StateRenderer::depthOfField(fstop, focalLength, focalDistance);
-}
-void SceneBuilder::depthOfField() {
-  if (imageOption("DepthOfField")) StateRenderer::depthOfField();
-}
-void SceneBuilder::pixelVariance(double variance) {
-  if (imageOption("PixelVariance")) StateRenderer::pixelVariance(variance);
-}
-void SceneBuilder::pixelSamples(double x, double y) {
-  if (imageOption("PixelSamples")) StateRenderer::pixelSamples(x, y);
-}
-void SceneBuilder::pixelFilter(std::string name, double xwidth, double ywidth) {
-  if (imageOption("PixelFilter")) StateRenderer::pixelFilter(std::move(name), xwidth, ywidth);
-}
-void SceneBuilder::exposure(double gain, double gamma) {
-  if (imageOption("Exposure")) StateRenderer::exposure(gain, gamma);
-}
-void SceneBuilder::quantize(std::string type, int one, int min, int max, double dither) {
-  if (imageOption("Quantize")) StateRenderer::quantize(std::move(type), one, min, max, dither);
-}
-void SceneBuilder::display(std::string name, std::string type, std::string mode, ri::ParamList params) {
-  if (imageOption("Display"))
-    StateRenderer::display(std::move(name), std::move(type), std::move(mode), std::move(params));
-}
-void SceneBuilder::hider(std::string type, ri::ParamList params) {
-  if (imageOption("Hider")) StateRenderer::hider(std::move(type), std::move(params));
 }
 
 }  // namespace fr::cache

@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "ri/state_renderer.h"
 #include "scene_cache/attribute_records.h"
@@ -17,9 +18,31 @@
 
 namespace fr::cache {
 
+/// The ray tracer's stream of files, when it has files of its own (tracer_stream.h). Called at every WorldEnd
+/// of the image's stream: adds the tracer's geometry of the same world; nullptr: that world is read over.
+class WorldFiller {
+ public:
+  virtual ~WorldFiller() = default;
+  virtual void fill(SkeletonWriter* writer, FrameCounts* counts) = 0;
+};
+
+/// Where a builder of the tracer's stream gets its worlds from.
+class WorldSource {
+ public:
+  virtual ~WorldSource() = default;
+  /// At WorldBegin: where to add to; nullptr: read the world over.
+  virtual std::pair<SkeletonWriter*, FrameCounts*> take() = 0;
+  /// At WorldEnd.
+  virtual void giveBack() = 0;
+};
+
 class SceneBuilder : public ri::StateRenderer {
  public:
-  SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths);
+  /// Of the image's stream: makes frames. `filler` may be nullptr.
+  SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths,
+               WorldFiller* filler = nullptr);
+  /// Of the ray tracer's stream: adds what only the tracer sees to worlds made elsewhere.
+  SceneBuilder(const LoadOptions& options, WorldSource* source, PathLists standardPaths);
   ~SceneBuilder() override;
 
   /// Which renderer sees what is read from now on (RibInput::sides).
@@ -33,22 +56,6 @@ class SceneBuilder : public ri::StateRenderer {
   /// The first system error (no memory), if any: the worlds it hit were not delivered.
   const std::optional<Error>& failure() const { return failure_; }
 
-  // Requests about the image mean nothing in a file for the ray tracer alone: the image is made by REYES.
-  void format(int xres, int yres, double pixelAspect) override;
-  void frameAspectRatio(double aspect) override;
-  void screenWindow(double left, double right, double bottom, double top) override;
-  void cropWindow(double xmin, double xmax, double ymin, double ymax) override;
-  void projection(std::string name, ri::ParamList params) override;
-  void clipping(double near, double far) override;
-  void depthOfField(double fstop, double focalLength, double focalDistance) override;
-  void depthOfField() override;
-  void pixelVariance(double variance) override;
-  void pixelSamples(double x, double y) override;
-  void pixelFilter(std::string name, double xwidth, double ywidth) override;
-  void exposure(double gain, double gamma) override;
-  void quantize(std::string type, int one, int min, int max, double dither) override;
-  void display(std::string name, std::string type, std::string mode, ri::ParamList params) override;
-  void hider(std::string type, ri::ParamList params) override;
   void scopedCoordinateSystem(std::string name) override;
 
  protected:
@@ -64,14 +71,21 @@ class SceneBuilder : public ri::StateRenderer {
 
  private:
   struct World;
+  struct OwnWorld;
+  /// False between worlds, in frames that are read over, and for common files in the tracer's stream: the
+  /// image's stream has added their geometry.
+  bool adding() const { return world_ && !(source_ && (sides_ & kForReyes)); }
+  void deliver();
   void teapot(const ri::PlacedPrimitive& p);
-  bool imageOption(const char* request);
   void notImplemented(std::string_view request, std::string_view consequence, const SourceLocation& where);
 
   LoadOptions options_;
   FrameCallback onFrame_;
   std::function<Result<void>(const std::string&)> readArchive_;
+  WorldFiller* filler_ = nullptr;
+  WorldSource* source_ = nullptr;  // not null: the tracer's stream
   uint8_t sides_ = kForReyes | kForTracer;
+  std::unique_ptr<OwnWorld> own_;
   std::unique_ptr<World> world_;  // null outside worlds and in frames that are read over
   int worldsSeen_ = 0;
   bool stopped_ = false;

@@ -27,35 +27,24 @@ struct Built {
   }
 };
 
-struct Piece {
-  std::string text;
-  uint8_t sides = kForReyes | kForTracer;
-};
-
-Built buildPieces(const std::vector<Piece>& pieces, const LoadOptions& options = {}) {
+Built build(const std::string& rib, const LoadOptions& options = {}) {
   Built b;
   setReportSink([&](const Error& e) { b.reports.push_back(e); });
-  SceneBuilder builder(options,
-                       [&](Frame&& f) {
-                         SkeletonImage image(dup(f.skeletonFd()));
-                         auto s = Skeleton::open(image.bytes(), options.checksum);
-                         EXPECT_TRUE(s.ok()) << s.error().str();
-                         if (s.ok()) b.frames.push_back({f.number(), f.counts(), std::move(image), *s});
-                         return true;
-                       },
-                       {});
+  const FrameCallback onFrame = [&](Frame&& f) {
+    SkeletonImage image(dup(f.skeletonFd()));
+    auto s = Skeleton::open(image.bytes(), options.checksum);
+    EXPECT_TRUE(s.ok()) << s.error().str();
+    if (s.ok()) b.frames.push_back({f.number(), f.counts(), std::move(image), *s});
+    return true;
+  };
+  SceneBuilder builder(options, onFrame, {});
   ri::Reader reader(builder);
   builder.setArchiveReader([&](const std::string& name) { return reader.readArchive(name); });
-  for (const Piece& p : pieces) {
-    builder.setSides(p.sides);
-    auto r = reader.readBuffer(p.text, "test.rib");
-    EXPECT_TRUE(r.ok());
-  }
+  EXPECT_TRUE(reader.readBuffer(rib, "test.rib").ok());
   builder.finish();
   setReportSink({});
   return b;
 }
-Built build(const std::string& rib, const LoadOptions& options = {}) { return buildPieces({{rib}}, options); }
 
 /// One world around `body`, after `options`.
 std::string world(const std::string& options, const std::string& body) {
@@ -462,32 +451,6 @@ TEST(SceneBuilder, SeveralWorldsInAFile) {
   ASSERT_EQ(c.frames.size(), 1u);
   EXPECT_EQ(c.frames[0].number, 5);
   EXPECT_EQ(c.frames[0].skeleton.options().frameNumber, 5);
-}
-
-TEST(SceneBuilder, SidesOfFiles) {
-  Built b = buildPieces({{"WorldBegin " + kSphere},
-                         {kSphere, kForTracer},
-                         {"Format 1 1 1 " + kSphere, kForReyes},
-                         {"WorldEnd"}});
-  ASSERT_EQ(b.frames.size(), 1u);
-  const auto objects = b.frames[0].skeleton.objects();
-  ASSERT_EQ(objects.size(), 3u);
-  EXPECT_EQ(objects[0].sides, kForReyes | kForTracer);
-  EXPECT_EQ(objects[1].sides, kForTracer);
-  EXPECT_EQ(objects[2].sides, kForReyes);
-}
-
-TEST(SceneBuilder, TheTracersFileDoesNotChangeTheImage) {
-  Built b = buildPieces(
-      {{"Format 32 16 1 Display \"a\" \"file\" \"rgba\""},
-       {"Format 4 4 1 Display \"b\" \"file\" \"rgb\" PixelSamples 9 9 Option \"user\" \"float x\" [1]",
-        kForTracer},
-       {world("", kSphere)}});
-  const Skeleton& s = b.frames[0].skeleton;
-  EXPECT_EQ(s.camera().resolution[0], 32);
-  EXPECT_EQ(s.options().pixelSamples[0], 2);
-  EXPECT_EQ(s.string(s.displays(s.options().displays)[0].name), "a");
-  EXPECT_NE(s.find(s.options().options, "user:x"), nullptr);
 }
 
 TEST(SceneBuilder, InstancesAreReplayed) {

@@ -1,10 +1,13 @@
 #include "scene_cache/scene_loader.h"
 
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstdlib>
 
-#include "ri/reader.h"
 #include "ri/search_path.h"
-#include "scene_cache/scene_builder.h"
+#include "scene_cache/rib_stream.h"
+#include "scene_cache/tracer_stream.h"
 
 namespace fr::cache {
 namespace {
@@ -23,36 +26,36 @@ ri::StateRenderer::PathLists environmentPaths() {
   return lists;
 }
 
-std::string folderOf(const std::string& path) {
-  const size_t slash = path.find_last_of('/');
-  if (slash == std::string::npos) return ".";
-  return slash == 0 ? "/" : path.substr(0, slash);
+std::string readAll(int fd) {
+  std::string text;
+  char part[65536];
+  for (;;) {
+    const ssize_t n = read(fd, part, sizeof(part));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return text;
+    text.append(part, size_t(n));
+  }
 }
 
 }  // namespace
 
 Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& options,
                        const FrameCallback& onFrame) {
-  SceneBuilder builder(options, onFrame, environmentPaths());
-  ri::ReaderOptions readerOptions;
-  for (const RibInput& in : inputs)
-    if (in.path != "-") readerOptions.archivePath.push_back(folderOf(in.path));
-  ri::Reader reader(builder, readerOptions);
-  builder.setArchiveReader([&](const std::string& name) { return reader.readArchive(name); });
-  std::optional<Error> first;
+  const ri::StateRenderer::PathLists paths = environmentPaths();
+  bool tracerFiles = false, standardInput = false;
   for (const RibInput& in : inputs) {
-    builder.setSides(in.sides);
-    auto r = in.path == "-" ? reader.readStdin() : reader.readFile(in.path);
-    if (!r) {
-      if (first) report(*first);
-      first = std::move(r).error();
-    }
-    if (builder.stopped() || builder.failure()) break;
+    tracerFiles = tracerFiles || in.sides == kForTracer;
+    standardInput = standardInput || in.path == "-";
   }
-  builder.finish();
+  // Two streams read it: it has to be kept.
+  std::string text;
+  if (tracerFiles && standardInput) text = readAll(STDIN_FILENO);
+  std::optional<TracerStream> tracer;
+  if (tracerFiles) tracer.emplace(inputs, options, paths, text);
+  SceneBuilder builder(options, onFrame, paths, tracer ? &*tracer : nullptr);
+  auto r = readStream(builder, inputs, kForReyes, tracerFiles ? &text : nullptr, false);
   if (builder.failure()) return *builder.failure();
-  if (first) return *first;
-  return {};
+  return r;
 }
 
 }  // namespace fr::cache

@@ -84,12 +84,15 @@ class Frame {
 /// loading.
 using FrameCallback = std::function<bool(Frame&&)>;
 
-/// Reads the files one after the other as if they were one stream and hands over every world. Problems inside
-/// the files are reported with their place and the rest goes on. The Result is an error when a file cannot be
-/// opened, when the system fails, or when the error handler "abort" was triggered; the other files have been
-/// read then. Search paths: Option "searchpath" first, then the environment variables SHADERS, TEXTURES,
-/// ARCHIVES, PROCEDURALS and DISPLAYS; archives also stand beside the RIB that names them. Not thread-safe:
-/// one loading at a time.
+/// Reads the files and hands over every world. The image's files (those that REYES sees) are read one after
+/// the other as if they were one stream. Files for the ray tracer alone make a second stream together with
+/// the common ones, with a graphics state of its own: its n-th world adds to the image's n-th world, and what
+/// it says about the image (Format, Display, camera) means nothing; ray depth, generic options and search
+/// paths count. Problems inside the files are reported with their place and the rest goes on. The Result is
+/// an error when a file cannot be opened, when the system fails, or when the error handler "abort" was
+/// triggered; the other files have been read then. Search paths: Option "searchpath" first, then the
+/// environment variables SHADERS, TEXTURES, ARCHIVES, PROCEDURALS and DISPLAYS; archives also stand beside
+/// the RIB that names them. Not thread-safe: one loading at a time.
 Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& options,
                        const FrameCallback& onFrame);
 

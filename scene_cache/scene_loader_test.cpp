@@ -39,12 +39,28 @@ class SceneLoader : public testing::Test {
       auto s = Skeleton::open(image.bytes(), o.checksum);
       EXPECT_TRUE(s.ok());
       counts.push_back(s.ok() ? s->objects().size() : 0);
+      if (s.ok()) inspect(*s);
       if (s.ok()) paths_.assign(1, std::string(s->string(s->searchPaths()[0])));
       return true;
     });
     EXPECT_EQ(r.ok(), expectOk) << (r.ok() ? "" : r.error().str());
     return counts;
   }
+  void inspect(const Skeleton& s) {
+    sides_.clear();
+    names_.clear();
+    for (const ObjectRecord& o : s.objects()) {
+      sides_.push_back(o.sides);
+      const AttributeRecord& a = s.attributes()[o.attributes];
+      names_ += a.surface == kNone ? "-" : std::string(s.string(s.shaders()[a.surface].name));
+      names_ += ' ';
+    }
+    resolution_ = s.camera().resolution[0];
+    rayLevel_ = s.options().maxRayLevel;
+  }
+  std::vector<uint8_t> sides_;
+  std::string names_;
+  int resolution_ = 0, rayLevel_ = 0;
   fs::path folder_;
   std::vector<Error> reports_;
   std::vector<std::string> paths_;
@@ -74,6 +90,55 @@ TEST_F(SceneLoader, FilesAreOneStream) {
   const std::string b = write("b.rib", "Sphere 1 -1 1 360\n");
   const std::string c = write("c.rib", "WorldEnd WorldBegin WorldEnd\n");
   EXPECT_EQ(load({{a}, {b, kForTracer}, {c}}), (std::vector<uint64_t>{2, 0}));
+}
+
+TEST_F(SceneLoader, EachSideReadsItsOwnStream) {
+  const std::string common =
+      write("common.rib", "Format 32 16 1 Surface \"plastic\" WorldBegin Sphere 1 -1 1 360 nonsense\n");
+  const std::string tracer =
+      write("tracer.rib", "Option \"render\" \"int max_raylevel\" [7] Surface \"glass\" Sphere 1 -1 1 360\n");
+  const std::string reyes =
+      write("reyes.rib", "Sphere 1 -1 1 360 Surface \"wood\" Sphere 1 -1 1 360 WorldEnd\n");
+  EXPECT_EQ(load({{common}, {tracer, kForTracer}, {reyes, kForReyes}}), std::vector<uint64_t>{4});
+  EXPECT_EQ(sides_, (std::vector<uint8_t>{3, kForReyes, kForReyes, kForTracer}));
+  // The tracer's glass does not leak into the files that REYES reads after it.
+  EXPECT_EQ(names_, "plastic plastic wood glass ");
+  size_t nonsense = 0;
+  for (const Error& e : reports_) nonsense += e.message.find("nonsense") != std::string::npos;
+  EXPECT_EQ(nonsense, 1u) << "the common file is read twice, its errors are said once";
+}
+
+TEST_F(SceneLoader, WorldsOfBothSidesAreOneScene) {
+  const std::string common = write("common.rib", "Format 32 16 1\n");
+  const std::string tracer =
+      write("tracer.rib",
+            "Format 4 4 1 Display \"b\" \"file\" \"rgb\" Option \"render\" \"int max_raylevel\" [7]\n"
+            "WorldBegin Surface \"cheap\" Sphere 1 -1 1 360 WorldEnd\n"
+            "WorldBegin WorldEnd\n");
+  const std::string reyes = write("reyes.rib", "WorldBegin Surface \"fine\" Sphere 1 -1 1 360 WorldEnd\n");
+  for (const bool tracerFirst : {true, false}) {
+    std::vector<RibInput> in{{common}, {tracer, kForTracer}, {reyes, kForReyes}};
+    if (!tracerFirst) std::swap(in[1], in[2]);
+    EXPECT_EQ(load(in), std::vector<uint64_t>{2});
+    EXPECT_EQ(names_, "fine cheap ");
+    EXPECT_EQ(sides_, (std::vector<uint8_t>{kForReyes, kForTracer}));
+    EXPECT_EQ(resolution_, 32);
+    EXPECT_EQ(rayLevel_, 7);
+  }
+  ASSERT_FALSE(reports_.empty());
+  EXPECT_NE(reports_[0].message.find("1 more worlds"), std::string::npos);
+}
+
+TEST_F(SceneLoader, FramesReadOverKeepTheStreamsTogether) {
+  const std::string reyes = write(
+      "reyes.rib", "FrameBegin 1 WorldBegin WorldEnd FrameEnd FrameBegin 2 WorldBegin WorldEnd FrameEnd\n");
+  const std::string tracer = write("tracer.rib",
+                                   "WorldBegin Surface \"one\" Sphere 1 -1 1 360 WorldEnd\n"
+                                   "WorldBegin Surface \"two\" Sphere 1 -1 1 360 WorldEnd\n");
+  LoadOptions o;
+  o.frames = {{2, 2}};
+  EXPECT_EQ(load({{reyes, kForReyes}, {tracer, kForTracer}}, true, o), std::vector<uint64_t>{1});
+  EXPECT_EQ(names_, "two ");
 }
 
 TEST_F(SceneLoader, AMissingFileIsAnErrorAndTheRestIsRead) {

@@ -297,6 +297,12 @@ void SkeletonWriter::setSearchPaths(std::span<const StringId> paths) {
   impl_->searchPaths.assign(paths.begin(), paths.end());
 }
 
+std::span<const StringId> SkeletonWriter::searchPaths() const { return impl_->searchPaths; }
+std::span<const ParamRecord> SkeletonWriter::params(Slice s) const {
+  if (uint64_t(s.first) + s.count > impl_->params.size()) return {};
+  return std::span<const ParamRecord>(impl_->params).subspan(s.first, s.count);
+}
+
 uint32_t SkeletonWriter::surfaceGroup(AttributeId attributes, TransformId transform) {
   Impl& m = *impl_;
   return m.surfaceGroups.try_emplace({attributes, transform}, uint32_t(m.surfaceGroups.size())).first->second;

@@ -82,6 +82,8 @@ class SkeletonWriter {
   /// Consecutive records, shared with an equal run.
   Slice addParams(std::span<const ParamRecord> records);
   Slice addParams(const ri::ParamList& list);
+  /// Dies with the next addParams.
+  std::span<const ParamRecord> params(Slice s) const;
 
   // ---- states
   // --------------------------------------------------------------------------------------------------
@@ -97,6 +99,7 @@ class SkeletonWriter {
   void addNamedSpace(std::string_view name, TransformId toWorld);
   /// Five lists: shader texture archive procedural display.
   void setSearchPaths(std::span<const StringId> paths);
+  std::span<const StringId> searchPaths() const;
   /// Number shared by the objects that may be pieces of one surface.
   uint32_t surfaceGroup(AttributeId attributes, TransformId transform);
   ShaderRecord& shader(ShaderId id);  ///< to be completed later (areaLightObject)
