@@ -220,7 +220,7 @@ bool StateRenderer::motionSample(const std::string& request) {
 
 void StateRenderer::motionEnd() {
   if (!motion_) return void(check(makeError(RiError::kNesting, "MotionEnd without MotionBegin")));
-  Motion m = std::move(*motion_);
+  MotionBlock m = std::move(*motion_);
   motion_.reset();
   const size_t n = m.times.size();
   if (m.count != n) {

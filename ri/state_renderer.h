@@ -60,6 +60,16 @@ struct RetainedObject {
   int nesting = 0;  ///< instances within instances below this one
 };
 
+/// A MotionBegin ... MotionEnd being read.
+struct MotionBlock {
+  std::vector<float> times;
+  std::string request;  // the one kind of request in the block
+  size_t count = 0;     // how many came
+  std::vector<TransformRequest> transforms;
+  std::vector<Primitive> primitives;
+  SourceLocation location;
+};
+
 class StateRenderer : public Renderer {
  public:
   /// `standardPaths`: what "@" means, by searchpath category; also the initial lists.
@@ -184,15 +194,6 @@ class StateRenderer : public Renderer {
   void reportOnceHere(RiError code, Severity severity, std::string message);
 
  private:
-  struct Motion {
-    std::vector<float> times;
-    std::string request;  // the one kind of request in the block
-    size_t count = 0;     // how many came
-    std::vector<TransformRequest> transforms;
-    std::vector<Primitive> primitives;
-    SourceLocation location;
-  };
-
   bool optionAllowed(const char* request);
   bool attributeAllowed(const char* request);
   bool motionSample(const std::string& request);
@@ -206,7 +207,7 @@ class StateRenderer : public Renderer {
 
   GraphicsState state_;
   PathLists standardPaths_;
-  std::optional<Motion> motion_;
+  std::optional<MotionBlock> motion_;
   std::shared_ptr<RetainedObject> object_;  // being recorded
   std::map<std::string, std::shared_ptr<const RetainedObject>, std::less<>> objects_;
   std::set<std::string, std::less<>> said_;
