@@ -24,10 +24,12 @@ struct TracerStream::Impl : WorldSource {
     return {writer, counts};
   }
   void giveBack() override {
-    const std::lock_guard lock(mutex);
+    std::unique_lock lock(mutex);
     if (quit) return;  // reading over what is left; nobody waits
     turn = Turn::kImage;
     changed.notify_all();
+    // Reads on only when the image's stream asks again, so that messages come in the same order every time.
+    changed.wait(lock, [this] { return turn == Turn::kTracer; });
   }
   void run() {
     {
