@@ -343,8 +343,24 @@ TEST(Renderer, CropTilesAbut) {
   }
 }
 
-// ---- rays
-// ---------------------------------------------------------------------------------------------------------
+TEST(Renderer, OutputVariablesComeFromTheNearestSurface) {
+  TestScene s(16, 8);
+  s.displayName = testing::TempDir() + "fr_reyes_outputs.exr", s.displayMode = "rgba,color Cs";
+  const uint32_t red = s.addSurface({.color = [](const Vec3&) { return Color(1, 0, 0); }});
+  const uint32_t glass = s.addSurface(
+      {.opaque = false, .opacity = {0.5f, 0.5f, 0.5f}, .color = [](const Vec3&) { return Color(0, 1, 0); }});
+  s.addRasterRect(red, 0, 0, 16, 8, 5);
+  s.addRasterRect(glass, 0, 0, 8, 8, 3);
+  const auto image = s.render();
+  ASSERT_EQ(image.channels.size(), 8u);
+  EXPECT_EQ(image.at(5, 12, 4), 1.0f);
+  EXPECT_EQ(image.at(5, 4, 4), 0.0f);
+  EXPECT_EQ(image.at(6, 4, 4), 0.5f);
+  EXPECT_EQ(image.at(0, 4, 4), 0.5f);
+  EXPECT_EQ(std::remove(s.displayName.c_str()), 0);
+}
+
+// ---- rays ----
 
 /// Answers a block only when asked to wait; hit distances follow from seeds. Fails after `healthy` blocks.
 class TestOracle : public RayOracleService {
