@@ -1,17 +1,319 @@
 #include "scene_cache/subdivision.h"
 
+#include <opensubdiv/bfr/refinerSurfaceFactory.h>
+#include <opensubdiv/bfr/surface.h>
+#include <opensubdiv/far/topologyDescriptor.h>
+#include <opensubdiv/far/topologyRefinerFactory.h>
+
+#include <algorithm>
+#include <atomic>
+#include <map>
+#include <mutex>
+#include <shared_mutex>
+
+#include "scene_cache/cache_impl.h"
+
 namespace fr::cache {
 
-struct SubdivisionStore::Impl {};
-SubdivisionStore::SubdivisionStore(const Skeleton&) {}
-SubdivisionStore::~SubdivisionStore() = default;
-const SubdivisionSurface* SubdivisionStore::surface(ObjectId, float) { return nullptr; }
-bool SubdivisionStore::evaluate(ObjectId, uint32_t, const ParamRecord&, std::span<const float>, uint32_t,
-                                size_t, const float*, const float*, float* const*) {
-  return false;
+namespace osd = OpenSubdiv::OPENSUBDIV_VERSION;
+
+namespace {
+
+using FactoryCache =
+    osd::Bfr::SurfaceFactoryCacheThreaded<std::shared_mutex, std::shared_lock<std::shared_mutex>,
+                                          std::unique_lock<std::shared_mutex>>;
+using Factory = osd::Bfr::RefinerSurfaceFactory<FactoryCache>;
+using FaceSurface = osd::Bfr::Surface<float>;
+using Points = FaceSurface::PointDescriptor;
+
+std::atomic<uint64_t> nextId{1};
+
+}  // namespace
+
+struct SubdivisionTopology::Impl {
+  std::unique_ptr<osd::Far::TopologyRefiner> refiner;
+  std::unique_ptr<Factory> factory;
+  SubdivisionScheme scheme = SubdivisionScheme::kCatmullClark;
+  uint32_t pieces = 0;
+  std::vector<uint32_t> firstCorner;  // of each face
+  std::span<const uint32_t> sizes, vertices;
+
+  uint32_t sizeOf(uint32_t face) const { return firstCorner[face + 1] - firstCorner[face]; }
+};
+
+SubdivisionTopology::SubdivisionTopology() : impl(std::make_unique<Impl>()) {}
+SubdivisionTopology::~SubdivisionTopology() = default;
+
+std::shared_ptr<const SubdivisionTopology> SubdivisionTopology::create(const SubdivisionMeshData& m) {
+  std::shared_ptr<SubdivisionTopology> t(new SubdivisionTopology);
+  Impl& d = *t->impl;
+  d.scheme = m.scheme;
+  d.pieces = m.pieces;
+  d.sizes = m.faceSizes, d.vertices = m.faceVertices;
+  d.firstCorner.resize(m.faceSizes.size() + 1);
+  for (size_t f = 0; f < m.faceSizes.size(); ++f) d.firstCorner[f + 1] = d.firstCorner[f] + m.faceSizes[f];
+
+  // OpenSubdiv takes ints; the arrays' values are in range.
+  const auto ints = [](std::span<const uint32_t> s) { return reinterpret_cast<const int*>(s.data()); };
+  osd::Far::TopologyDescriptor desc;
+  desc.numVertices = int(m.vertexCount);
+  desc.numFaces = int(m.faceSizes.size());
+  desc.numVertsPerFace = ints(m.faceSizes);
+  desc.vertIndicesPerFace = ints(m.faceVertices);
+  desc.numCreases = int(m.creaseSharpness.size());
+  desc.creaseVertexIndexPairs = ints(m.creaseVertices);
+  desc.creaseWeights = m.creaseSharpness.data();
+  desc.numCorners = int(m.cornerSharpness.size());
+  desc.cornerVertexIndices = ints(m.cornerVertices);
+  desc.cornerWeights = m.cornerSharpness.data();
+  desc.numHoles = int(m.holes.size());
+  desc.holeIndices = ints(m.holes);
+  osd::Sdc::Options options;
+  options.SetVtxBoundaryInterpolation(m.interpolateBoundary == 0 ? osd::Sdc::Options::VTX_BOUNDARY_NONE
+                                      : m.interpolateBoundary == 1
+                                          ? osd::Sdc::Options::VTX_BOUNDARY_EDGE_AND_CORNER
+                                          : osd::Sdc::Options::VTX_BOUNDARY_EDGE_ONLY);
+  const osd::Sdc::SchemeType type = m.scheme == SubdivisionScheme::kLoop       ? osd::Sdc::SCHEME_LOOP
+                                    : m.scheme == SubdivisionScheme::kBilinear ? osd::Sdc::SCHEME_BILINEAR
+                                                                               : osd::Sdc::SCHEME_CATMARK;
+  using RefinerFactory = osd::Far::TopologyRefinerFactory<osd::Far::TopologyDescriptor>;
+  d.refiner.reset(RefinerFactory::Create(desc, RefinerFactory::Options(type, options)));
+  if (!d.refiner) return nullptr;
+  d.factory = std::make_unique<Factory>(*d.refiner);
+  return t;
 }
-Vec3 SubdivisionSurface::point(uint32_t, float, float) const { return Vec3(0); }
-Vec3 SubdivisionSurface::derivatives(uint32_t, float, float, Vec3&, Vec3&) const { return Vec3(0); }
-Box3f SubdivisionSurface::bound(uint32_t) const { return {}; }
+
+bool SubdivisionTopology::hasLimit(uint32_t face) const {
+  return impl->factory->FaceHasLimitSurface(int(face));
+}
+
+namespace {
+
+/// A face's limit surface with its patch points, in a small cache of each thread: most calls ask for the same
+/// few faces.
+struct PreparedFace {
+  uint64_t id = 0;
+  uint32_t face = 0;
+  bool valid = false;
+  FaceSurface surface;
+  std::vector<float> points;
+};
+
+const PreparedFace& preparedFace(const SubdivisionTopology::Impl& t, uint64_t id, uint32_t face,
+                                 const float* meshPoints) {
+  thread_local PreparedFace faces[32];
+  PreparedFace& p = faces[(uint64_t(face) + id * 7) % 32];
+  if (p.id == id && p.face == face) return p;
+  p.id = id, p.face = face;
+  p.valid = t.factory->InitVertexSurface(int(face), &p.surface);
+  if (p.valid) {
+    p.points.resize(size_t(p.surface.GetNumPatchPoints()) * 3);
+    p.surface.PreparePatchPoints(meshPoints, Points(3), p.points.data(), Points(3));
+  }
+  return p;
+}
+
+/// Root patch parameters to the face's own: coordinates and the matrix d(face)/d(patch).
+struct FacePlace {
+  float uv[2];
+  float uu = 1, uv_ = 0, vu = 0, vv = 1;  // d face.u / d u, d face.u / d v, d face.v / d u, d face.v / d v
+};
+FacePlace facePlace(const SubdivisionTopology::Impl& t, const SubdivisionPatch& patch,
+                    const osd::Bfr::Parameterization& face, float u, float v) {
+  FacePlace r{{u, v}};
+  if (t.scheme == SubdivisionScheme::kLoop) {
+    // A quad with its upper edge collapsed into the third vertex.
+    r.uv[0] = u * (1 - v), r.uv[1] = v;
+    r.uu = 1 - v, r.uv_ = -u;
+    return r;
+  }
+  if (!t.pieces) return r;
+  if (face.HasSubFaces()) {
+    const float local[2] = {u, v};
+    face.ConvertNormalizedSubFaceToCoord(int(patch.corner), local, r.uv);
+    r.uu = r.vv = 0.5f;
+    return r;
+  }
+  const float hu = 0.5f * u, hv = 0.5f * v;
+  r.uu = r.vv = 0;
+  switch (patch.corner & 3) {
+    case 0:
+      r.uv[0] = hu, r.uv[1] = hv, r.uu = 0.5f, r.vv = 0.5f;
+      break;
+    case 1:
+      r.uv[0] = 1 - hv, r.uv[1] = hu, r.uv_ = -0.5f, r.vu = 0.5f;
+      break;
+    case 2:
+      r.uv[0] = 1 - hu, r.uv[1] = 1 - hv, r.uu = -0.5f, r.vv = -0.5f;
+      break;
+    default:
+      r.uv[0] = hv, r.uv[1] = 1 - hu, r.uv_ = 0.5f, r.vu = -0.5f;
+      break;
+  }
+  return r;
+}
+
+}  // namespace
+
+Vec3 SubdivisionSurface::point(uint32_t patch, float u, float v) const {
+  Vec3 p(0);
+  const SubdivisionPatch& s = patches[patch];
+  if (s.face >= topology->impl->sizes.size()) return p;
+  const PreparedFace& f = preparedFace(*topology->impl, id, s.face, points.data());
+  if (!f.valid) return p;
+  const FacePlace at = facePlace(*topology->impl, s, f.surface.GetParameterization(), u, v);
+  f.surface.Evaluate(at.uv, f.points.data(), Points(3), &p.x);
+  return p;
+}
+
+Vec3 SubdivisionSurface::derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const {
+  Vec3 p(0), a(0), b(0);
+  du = dv = p;
+  const SubdivisionPatch& s = patches[patch];
+  if (s.face >= topology->impl->sizes.size()) return p;
+  const PreparedFace& f = preparedFace(*topology->impl, id, s.face, points.data());
+  if (!f.valid) return p;
+  const FacePlace at = facePlace(*topology->impl, s, f.surface.GetParameterization(), u, v);
+  f.surface.Evaluate(at.uv, f.points.data(), Points(3), &p.x, &a.x, &b.x);
+  du = a * at.uu + b * at.vu;
+  dv = a * at.uv_ + b * at.vv;
+  return p;
+}
+
+struct SubdivisionStore::Impl {
+  Skeleton skeleton;
+  std::shared_mutex mutex;
+  std::map<ObjectId, std::shared_ptr<const SubdivisionTopology>> topologies;
+  std::map<std::pair<ObjectId, float>, std::unique_ptr<SubdivisionSurface>> surfaces;
+
+  std::shared_ptr<const SubdivisionTopology> topology(ObjectId object, const SubdivisionSource& s);
+};
+
+SubdivisionStore::SubdivisionStore(const Skeleton& skeleton) : impl_(std::make_unique<Impl>()) {
+  impl_->skeleton = skeleton;
+}
+SubdivisionStore::~SubdivisionStore() = default;
+
+std::shared_ptr<const SubdivisionTopology> SubdivisionStore::Impl::topology(ObjectId object,
+                                                                            const SubdivisionSource& s) {
+  auto& t = topologies[object];
+  if (t) return t;
+  SubdivisionMeshData m;
+  m.scheme = s.scheme;
+  m.interpolateBoundary = s.interpolateBoundary;
+  m.vertexCount = uint32_t(std::min<uint64_t>(s.positions.perKey, 0x7fffffff));
+  m.pieces = s.pieces;
+  m.faceSizes = sourceArray<uint32_t>(skeleton, s.faceSizes);
+  m.faceVertices = sourceArray<uint32_t>(skeleton, s.faceVertices);
+  m.creaseVertices = sourceArray<uint32_t>(skeleton, s.creaseVertices);
+  m.creaseSharpness = sourceArray<float>(skeleton, s.creaseSharpness);
+  m.cornerVertices = sourceArray<uint32_t>(skeleton, s.cornerVertices);
+  m.cornerSharpness = sourceArray<float>(skeleton, s.cornerSharpness);
+  m.holes = sourceArray<uint32_t>(skeleton, s.holes);
+  // A file may be damaged: OpenSubdiv trusts what it is given.
+  uint64_t corners = 0;
+  for (const uint32_t n : m.faceSizes) {
+    if (n < 3 || (m.scheme == SubdivisionScheme::kLoop && n != 3)) return nullptr;
+    corners += n;
+  }
+  const auto inRange = [](std::span<const uint32_t> v, uint64_t count) {
+    return std::all_of(v.begin(), v.end(), [count](uint32_t i) { return i < count; });
+  };
+  if (corners != m.faceVertices.size() || corners > 0x7fffffff || !inRange(m.faceVertices, m.vertexCount) ||
+      m.creaseVertices.size() != m.creaseSharpness.size() * 2 || !inRange(m.creaseVertices, m.vertexCount) ||
+      m.cornerVertices.size() != m.cornerSharpness.size() || !inRange(m.cornerVertices, m.vertexCount) ||
+      !inRange(m.holes, m.faceSizes.size()))
+    return nullptr;
+  t = SubdivisionTopology::create(m);
+  return t;
+}
+
+const SubdivisionSurface* SubdivisionStore::surface(ObjectId object, float time) {
+  const std::pair<ObjectId, float> key{object, time};
+  {
+    std::shared_lock lock(impl_->mutex);
+    const auto it = impl_->surfaces.find(key);
+    if (it != impl_->surfaces.end()) return it->second.get();
+  }
+  std::unique_lock lock(impl_->mutex);
+  auto& slot = impl_->surfaces[key];
+  if (slot) return slot.get();
+  const Skeleton& s = impl_->skeleton;
+  const ObjectRecord& o = s.objects()[object];
+  const auto* source = sourceRecord<SubdivisionSource>(s, o);
+  if (!source) return nullptr;
+  const PositionKeys p = positionsAt(s, source->positions, time);
+  auto topology = impl_->topology(object, *source);
+  if (!topology || !p.a) return nullptr;
+  auto made = std::make_unique<SubdivisionSurface>();
+  made->id = nextId.fetch_add(1);
+  made->topology = std::move(topology);
+  made->patches = sourceArray<SubdivisionPatch>(s, source->patches);
+  made->points.resize(p.count * 3);
+  const DMat4 toCache = s.toCache(o.transform, time);
+  for (uint64_t i = 0; i < p.count; ++i) {
+    const DVec3 q = transformPoint(toCache, p.at(i));
+    for (uint64_t c = 0; c < 3; ++c) made->points[i * 3 + c] = float(q[int(c)]);
+  }
+  slot = std::move(made);
+  return slot.get();
+}
+
+bool SubdivisionStore::evaluate(ObjectId object, uint32_t patch, const ParamRecord& param,
+                                std::span<const float> values, uint32_t width, size_t n, const float* u,
+                                const float* v, float* const* out) {
+  const SubdivisionSurface* s = surface(object, impl_->skeleton.camera().shutter[0]);
+  if (!s || !s->hasPatch(patch)) return false;
+  const SubdivisionPatch place = s->patches[patch];
+  const SubdivisionTopology::Impl& t = *s->topology->impl;
+  if (place.face >= t.sizes.size()) return false;
+  const uint64_t count = values.size() / width;
+  const auto row = [&](uint64_t i) { return values.data() + std::min(i, count - 1) * width; };
+  if (param.storage == ParamClass::kUniform) {
+    for (uint32_t c = 0; c < width; ++c) std::fill_n(out[c], n, row(place.face)[c]);
+    return true;
+  }
+  if (param.storage == ParamClass::kVertex && count * 3 >= s->points.size()) {
+    // The surface's own limit, on these values instead of positions.
+    FaceSurface f;
+    if (!t.factory->InitVertexSurface(int(place.face), &f)) return false;
+    std::vector<float> points(size_t(f.GetNumPatchPoints()) * width), result(width);
+    f.PreparePatchPoints(values.data(), Points(int(width)), points.data(), Points(int(width)));
+    for (size_t i = 0; i < n; ++i) {
+      const FacePlace at = facePlace(t, place, f.GetParameterization(), u[i], v[i]);
+      f.Evaluate(at.uv, points.data(), Points(int(width)), result.data());
+      for (uint32_t c = 0; c < width; ++c) out[c][i] = result[c];
+    }
+    return true;
+  }
+  // Varying and facevarying: linear over the face.
+  const uint32_t size = t.sizeOf(place.face), first = t.firstCorner[place.face];
+  const auto corner = [&](uint32_t k) {
+    const uint64_t at = first + k % size;
+    return row(param.storage == ParamClass::kFaceVarying ? at : t.vertices[at]);
+  };
+  std::vector<float> quad(size_t(width) * 4);
+  for (uint32_t c = 0; c < width; ++c) {
+    float* q = quad.data() + c * 4;  // (0,0) (1,0) (0,1) (1,1)
+    if (t.scheme == SubdivisionScheme::kLoop) {
+      q[0] = corner(0)[c], q[1] = corner(1)[c], q[2] = q[3] = corner(2)[c];
+    } else if (!t.pieces) {
+      q[0] = corner(0)[c], q[1] = corner(1)[c], q[2] = corner(3)[c], q[3] = corner(2)[c];
+    } else {
+      float sum = 0;
+      for (uint32_t k = 0; k < size; ++k) sum += corner(k)[c];
+      const uint32_t k = place.corner % size;
+      q[0] = corner(k)[c];
+      q[1] = 0.5f * (corner(k)[c] + corner(k + 1)[c]);
+      q[2] = 0.5f * (corner(k)[c] + corner(k + size - 1)[c]);
+      q[3] = sum / float(size);
+    }
+    for (size_t i = 0; i < n; ++i) {
+      const float low = (1 - u[i]) * q[0] + u[i] * q[1], high = (1 - u[i]) * q[2] + u[i] * q[3];
+      out[c][i] = (1 - v[i]) * low + v[i] * high;
+    }
+  }
+  return true;
+}
 
 }  // namespace fr::cache

@@ -12,32 +12,48 @@
 
 namespace fr::cache {
 
-/// Control mesh as plain arrays, checked by whoever fills it (indices in range).
+/// Control mesh as plain arrays, checked by whoever fills it (indices in range, counts consistent).
 struct SubdivisionMeshData {
   SubdivisionScheme scheme = SubdivisionScheme::kCatmullClark;
   uint32_t interpolateBoundary = 0;
-  uint32_t faceVaryingInterpolateBoundary = 0;
   uint32_t vertexCount = 0;
+  uint32_t pieces = 0;  // as SubdivisionSource::pieces
   std::span<const uint32_t> faceSizes, faceVertices;
   std::span<const uint32_t> creaseVertices, cornerVertices, holes;
   std::span<const float> creaseSharpness, cornerSharpness;
 };
 
-class SubdivisionTopology;
-
-/// A refined mesh with its points in cache space at one time. Thread-safe to read.
-class SubdivisionSurface {
+/// A control mesh's topology, ready to make limit patches of single faces. Thread-safe.
+class SubdivisionTopology {
  public:
-  /// Parameters are those of the root patch (SubdivisionPatch).
-  Vec3 point(uint32_t patch, float u, float v) const;
-  Vec3 derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const;
-  Box3f bound(uint32_t patch) const;
+  /// nullptr when OpenSubdiv refuses the mesh.
+  static std::shared_ptr<const SubdivisionTopology> create(const SubdivisionMeshData& mesh);
+  ~SubdivisionTopology();
+  /// False for holes and for boundary faces of meshes without "interpolateboundary".
+  bool hasLimit(uint32_t face) const;
 
-  std::shared_ptr<const SubdivisionTopology> topology;
-  std::vector<float> points;  // xyz of control, refined and local patch points
+  struct Impl;
+  std::unique_ptr<Impl> impl;
+
+ private:
+  SubdivisionTopology();
 };
 
-/// The process's refined meshes. Thread-safe.
+/// A control mesh in cache space at one time. Thread-safe. Parameters are those of the root patch
+/// (SubdivisionPatch).
+class SubdivisionSurface {
+ public:
+  Vec3 point(uint32_t patch, float u, float v) const;
+  Vec3 derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const;
+  bool hasPatch(uint32_t patch) const { return patch < patches.size(); }
+
+  uint64_t id = 0;  // unique in the process
+  std::shared_ptr<const SubdivisionTopology> topology;
+  std::vector<float> points;  // xyz of the control vertices
+  std::span<const SubdivisionPatch> patches;
+};
+
+/// The process's control meshes, made when first needed. Thread-safe.
 class SubdivisionStore {
  public:
   explicit SubdivisionStore(const Skeleton& skeleton);

@@ -331,8 +331,7 @@ Box3f Surface::bound() const {
       box = {Vec3(b.min), Vec3(b.max)};
       break;
     }
-    case SurfaceForm::kSubdivision:
-      return subdivision_->bound(subdivisionPatch_);
+    case SurfaceForm::kSubdivision:  // addSubdivision() bounds by control points
     case SurfaceForm::kEmpty:
       return box;
     default: {

@@ -91,7 +91,7 @@ bool Surface::prepare(const Skeleton& skeleton, NodeId root, float time, Subdivi
     case PrimitiveType::kSubdivision: {
       if (!subdivisions) return false;
       subdivision_ = subdivisions->surface(patch.object, time);
-      if (!subdivision_) return false;
+      if (!subdivision_ || !subdivision_->hasPatch(patch.face)) return false;
       subdivisionPatch_ = patch.face;
       form_ = SurfaceForm::kSubdivision;
       return true;
