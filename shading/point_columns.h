@@ -1,0 +1,62 @@
+// From addresses on patches to the predefined variables of a batch, in current space.
+#pragma once
+
+#include "shading/system_impl.h"
+
+namespace fr {
+
+/// Columns of one batch and the stencil that goes with them. Reused from batch to batch.
+class PointColumns {
+ public:
+  explicit PointColumns(ShadingSystem::Impl& system) : system_(system) {}
+
+  /// Everything that `setup` can look at, for the points to shade.
+  void fill(const ShadePoints& points, const ShadeSetup& setup);
+  /// For displacement: points given by the cache, P and N in cache space.
+  void fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell, const float* u,
+                     const float* v, int gridNu, int gridNv, float* const P[3], float* const N[3]);
+  const Batch& batch() const { return batch_; }
+  Batch& batch() { return batch_; }
+  uint32_t count() const { return count_; }
+  /// Address of a lane's point, for rays that start there.
+  cache::NodeId node(uint32_t lane) const { return nodes_[lane]; }
+  uint32_t cell(uint32_t lane) const { return cells_[lane]; }
+  float u(uint32_t lane) const { return patchU_[lane]; }
+  float v(uint32_t lane) const { return patchV_[lane]; }
+
+ private:
+  enum Column : uint32_t {
+    kP = 0, kN = 3, kNg = 6, kDPdu = 9, kDPdv = 12, kI = 15, kCs = 18, kOs = 21, kCi = 24, kOi = 27,
+    kU = 30, kV, kS, kT, kDu, kDv, kRadius, kSpread, kScratch, kColumns = kScratch + 4
+  };
+  float* column(uint32_t c) { return memory_.data() + size_t(c) * lanes_; }
+  Operand operand(uint32_t c) { return {column(c), lanes_, ~0u}; }
+  void reset(uint32_t points, uint32_t lanes, const ShadeSetup& setup);
+  void evaluate(uint32_t first, uint32_t n, bool diced);
+  void toCurrent(uint32_t c, bool normal);
+  void differencesFromStencil(bool normals, float orientation);
+  void primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters, const ShaderInstance& shader);
+  void finish(const ShadeSetup& setup);
+  void objectTable();
+  template <class F>
+  void eachRun(F&& f);
+
+  ShadingSystem::Impl& system_;
+  const ShadeSetup* setup_ = nullptr;
+  uint32_t count_ = 0, lanes_ = 0;
+  AlignedFloats memory_, overrideMemory_;
+  std::vector<int32_t> maskMemory_;
+  std::vector<cache::NodeId> nodes_;
+  std::vector<uint32_t> cells_;
+  std::vector<float> patchU_, patchV_;
+  std::vector<uint64_t> seeds_;
+  std::vector<uint16_t> object_;
+  std::vector<uint32_t> objects_;
+  std::vector<Batch::Override> overrides_;
+  AlignedFloats mask_;
+  AlignedFloats uniforms_;
+  DerivativeStencil stencil_;
+  Batch batch_;
+};
+
+}  // namespace fr

@@ -1,0 +1,40 @@
+// What a scene cache's skeleton answers to shaders: coordinate systems, attributes, options, parameter values.
+#pragma once
+
+#include "scene_cache/cache.h"
+#include "shading/shader_instance.h"
+
+namespace fr {
+
+/// "current" space is camera space at shutter open. Immutable: all matrices are concatenated in double, once.
+class SceneHost final : public ShaderHost {
+ public:
+  explicit SceneHost(const cache::Skeleton& skeleton);
+
+  const DMat4& cacheToCurrent() const { return cacheToCurrent_; }
+  const DMat4& currentToCache() const { return currentToCache_; }
+  DMat4 transformToCurrent(cache::TransformId t) const;
+  bool perspective() const { return perspective_; }
+  /// RIB value of a parameter of a shader whose space is `toCurrent`, carried to current space.
+  ShaderValue value(const cache::ParamRecord& p, const DMat4* toCurrent) const;
+  float optionFloat(std::string_view name, float fallback) const;
+
+  bool spaceToCurrent(std::string_view name, DMat4& m) const override;
+  bool objectToCurrent(uint32_t object, DMat4& m) const override;
+  bool attribute(std::string_view name, uint32_t attributes, ShaderValue& v) const override;
+  bool option(std::string_view name, ShaderValue& v) const override;
+  bool rendererInfo(std::string_view name, ShaderValue& v) const override;
+  Vec2 clipping() const override;
+  float sceneDiameter() const override { return sceneDiameter_; }
+  void print(std::string_view text) const override;
+  int textureCallUnavailable(std::string_view what) const override;
+
+ private:
+  cache::Skeleton skeleton_;
+  float shutterOpen_;
+  bool perspective_;
+  DMat4 worldToCurrent_, cacheToCurrent_, currentToCache_, currentToScreen_, currentToNdc_, currentToRaster_;
+  float sceneDiameter_ = 1;
+};
+
+}  // namespace fr

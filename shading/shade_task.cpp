@@ -1,0 +1,228 @@
+// One batch in flight: bump mapping, the surface shader with its lights, the atmosphere.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "base/random.h"
+#include "shading/point_columns.h"
+
+namespace fr {
+
+struct ShadeTask::Impl {
+  explicit Impl(ShadingSystem::Impl& s) : system(s), columns(s), surface(s.host) {}
+
+  enum class Stage { kIdle, kSurface, kAtmosphere, kDone };
+  ShadingSystem::Impl& system;
+  PointColumns columns;
+  Machine surface;
+  std::unique_ptr<Machine> other;  // bump mapping, then the atmosphere
+  const ShadeSetup* setup = nullptr;
+  Stage stage = Stage::kIdle;
+  std::vector<float> times;  // per point, 0..1
+  mutable AlignedFloats broadcast;
+  AlignedFloats results;
+
+  Machine& running() { return stage == Stage::kAtmosphere ? *other : surface; }
+  const Machine& running() const { return stage == Stage::kAtmosphere ? *other : surface; }
+  Machine& second() {
+    if (!other) other = std::make_unique<Machine>(system.host);
+    return *other;
+  }
+  void bump();
+  void beginAtmosphere();
+  void collect(const Machine& m);
+  Vec3 cacheNormal(uint32_t lane) const;
+};
+
+ShadeTask::ShadeTask(ShadingSystem& system) : impl_(std::make_unique<Impl>(*system.impl_)) {}
+ShadeTask::~ShadeTask() = default;
+ShadeTask::ShadeTask(ShadeTask&&) noexcept = default;
+ShadeTask& ShadeTask::operator=(ShadeTask&&) noexcept = default;
+
+/// A displacement shader that moves nothing runs here, for its normals.
+void ShadeTask::Impl::bump() {
+  Machine& m = second();
+  Batch b = columns.batch();
+  b.raysAllowed = false;
+  b.overrides = {};
+  m.begin(b, *setup->displacement, {}, setup->partners());
+  m.run();
+  const Operand N = m.result(GlobalId::k_N);
+  const Operand to = b.globals[size_t(GlobalId::k_N)];
+  if (!N.data) return;
+  for (uint32_t c = 0; c < 3; ++c)
+    for (uint32_t i = 0; i < b.lanes; ++i) to.comp(c)[i] = N.at(i, c);
+}
+
+void ShadeTask::begin(const ShadePoints& points) {
+  Impl& t = *impl_;
+  const cache::NodeId node = points.topology == ShadePoints::Topology::kHits ? points.node[0] : points.grid->node;
+  t.setup = &t.system.setup(t.system.scene.objectOf(node).attributes);
+  t.columns.fill(points, *t.setup);
+  t.times.assign(t.columns.count(), 0.0f);
+  if (points.topology == ShadePoints::Topology::kHits && points.time)
+    for (uint32_t i = 0; i < t.columns.count(); ++i)
+      t.times[i] = points.time[i] >= 0.0f && points.time[i] <= 1.0f ? points.time[i] : 0.0f;
+  t.stage = Impl::Stage::kSurface;
+  if (t.setup->bumpOnly) t.bump();
+  // A shadow ray wants the opacity alone: no light has to run.
+  const std::span<const ShaderInstance* const> lights =
+      points.shadowRay ? std::span<const ShaderInstance* const>() : std::span<const ShaderInstance* const>(t.setup->lights);
+  t.surface.begin(t.columns.batch(), *t.setup->surface, lights, t.setup->partners());
+}
+
+/// Copies Ci and Oi out of a machine; what is not finite becomes 0.
+void ShadeTask::Impl::collect(const Machine& m) {
+  const uint32_t lanes = columns.batch().lanes;
+  results.reserve(size_t(lanes) * 6);
+  for (uint32_t k = 0; k < 6; ++k) {
+    const GlobalId id = k < 3 ? GlobalId::k_Ci : GlobalId::k_Oi;
+    Operand from = m.result(id);
+    if (!from.data) from = columns.batch().globals[size_t(id)];
+    float* const to = results.data() + size_t(k) * lanes;
+    for (uint32_t i = 0; i < lanes; ++i) {
+      const float x = from.at(i, k % 3);
+      to[i] = std::isfinite(x) ? x : 0.0f;
+    }
+  }
+}
+
+void ShadeTask::Impl::beginAtmosphere() {
+  Batch b = columns.batch();
+  b.overrides = {};
+  const uint32_t lanes = b.lanes;
+  for (uint32_t k = 0; k < 6; ++k) {
+    const Operand& to = b.globals[size_t(k < 3 ? GlobalId::k_Ci : GlobalId::k_Oi)];
+    std::memcpy(to.comp(k % 3), results.data() + size_t(k) * lanes, lanes * sizeof(float));
+  }
+  second().begin(b, *setup->atmosphere, setup->lights, setup->partners());
+}
+
+ShadeTask::Status ShadeTask::run() {
+  Impl& t = *impl_;
+  if (t.stage == Impl::Stage::kSurface) {
+    if (t.surface.run() == Machine::Status::kNeedsRays) return Status::kNeedsRays;
+    t.collect(t.surface);
+    t.stage = Impl::Stage::kDone;
+    const Batch& b = t.columns.batch();
+    if (t.setup->atmosphere && b.level == 0 && !b.shadowRay) {
+      t.beginAtmosphere();
+      t.stage = Impl::Stage::kAtmosphere;
+    }
+  }
+  if (t.stage == Impl::Stage::kAtmosphere) {
+    if (t.other->run() == Machine::Status::kNeedsRays) return Status::kNeedsRays;
+    t.collect(*t.other);
+    t.stage = Impl::Stage::kDone;
+    t.system.addStatistics(t.other->statistics(), 0);
+  }
+  t.system.addStatistics(t.surface.statistics(), t.columns.count());
+  return Status::kDone;
+}
+
+uint32_t ShadeTask::rayCount() const { return impl_->running().rays().count; }
+
+Vec3 ShadeTask::Impl::cacheNormal(uint32_t lane) const {
+  const Operand Ng = columns.batch().globals[size_t(GlobalId::k_Ng)];
+  const Vec3 n = system.currentToCacheNormal * Vec3(Ng.at(lane, 0), Ng.at(lane, 1), Ng.at(lane, 2));
+  const float length = glm::length(n);
+  return length > 0 && std::isfinite(length) ? n / length : Vec3(0);
+}
+
+void ShadeTask::writeRays(RayQuery& q) const {
+  const Impl& t = *impl_;
+  const PendingRays& r = t.running().rays();
+  q.kind = r.kind;
+  q.count = r.count;
+  q.level = t.columns.batch().level + 1;
+  q.label = 0;
+  const Mat4& m = t.system.currentToCache;
+  const Mat3 linear(m);
+  const float scale = std::cbrt(std::fabs(glm::determinant(linear)));  // cameras may scale
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const uint32_t lane = r.lane[k];
+    const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
+    const Vec3 direction = linear * Vec3(r.direction[0][k], r.direction[1][k], r.direction[2][k]);
+    const Vec3 normal = r.onSurface[k] ? t.cacheNormal(lane) : Vec3(0);
+    for (int c = 0; c < 3; ++c) q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
+    q.time[k] = t.times[lane];
+    q.radius[k] = r.radius[k] * scale;
+    q.spread[k] = r.spread[k];
+    q.node[k] = r.onSurface[k] ? t.columns.node(lane) : cache::kNone;
+    q.cell[k] = r.onSurface[k] ? t.columns.cell(lane) : cache::kNone;
+    q.u[k] = r.onSurface[k] ? t.columns.u(lane) : 0.0f;
+    q.v[k] = r.onSurface[k] ? t.columns.v(lane) : 0.0f;
+    q.seed[k] = r.seed[k];
+    q.importance[k] = 0x3f800000u;  // 1.0f
+  }
+}
+
+void ShadeTask::readAnswers(const RayQuery& q) {
+  Impl& t = *impl_;
+  PendingRays& r = t.running().rays();
+  // What cannot be right is a miss, ray by ray.
+  r.missAll();
+  const Mat4& m = t.system.cacheToCurrent;
+  const Mat3 linear(m);
+  const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
+  const auto vec = [](const float (&a)[3][kMaxRays], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const Vec3 color = vec(q.color, k);
+    const bool colored = r.kind == RayKind::kTrace || r.kind == RayKind::kVisibility || r.kind == RayKind::kFullTrace;
+    const bool distanced = r.kind != RayKind::kVisibility;
+    if (colored && !isFinite(color)) continue;
+    if (distanced && !(q.hitDistance[k] >= 0.0f)) continue;
+    const bool hit = distanced && q.hitDistance[k] < 0.99e30f;
+    if (colored)
+      for (int c = 0; c < 3; ++c) r.color[c][k] = color[c];
+    if (r.kind == RayKind::kFullTrace && std::isfinite(q.missDepth[k]) && isFinite(vec(q.missP, k)) &&
+        isFinite(vec(q.missR, k))) {
+      r.missDepth[k] = std::max(0.0f, q.missDepth[k]);
+      const Vec3 P = transformPoint(m, vec(q.missP, k)), R = linear * vec(q.missR, k);
+      for (int c = 0; c < 3; ++c) r.missP[c][k] = P[c], r.missR[c][k] = R[c];
+    }
+    if (!hit) continue;
+    if (r.kind == RayKind::kTrace) {
+      r.hitDistance[k] = q.hitDistance[k] * scale;
+      continue;
+    }
+    const Vec3 P = transformPoint(m, vec(q.hitP, k)), N = t.system.cacheToCurrentNormal * vec(q.hitN, k);
+    if (!isFinite(P) || !isFinite(N)) continue;
+    r.hitDistance[k] = q.hitDistance[k] * scale;
+    for (int c = 0; c < 3; ++c) r.hitP[c][k] = P[c], r.hitN[c][k] = N[c];
+  }
+}
+
+void ShadeTask::missAll() { impl_->running().rays().missAll(); }
+
+const float* ShadeTask::color(int component) const {
+  return impl_->results.data() + size_t(component) * impl_->columns.batch().lanes;
+}
+const float* ShadeTask::opacity(int component) const {
+  return impl_->results.data() + size_t(3 + component) * impl_->columns.batch().lanes;
+}
+
+const float* ShadeTask::output(std::string_view name, int component) const {
+  const Impl& t = *impl_;
+  if (name == "Ci") return component < 3 ? color(component) : nullptr;
+  if (name == "Oi") return component < 3 ? opacity(component) : nullptr;
+  Operand o = t.surface.result(name);
+  uint32_t components = 0;
+  const ShaderProgram& p = t.setup->surface->program();
+  const uint32_t parameter = p.findParameter(name);
+  if (parameter != kNoIndex) components = p.symbols[p.parameters[parameter].symbol].floats();
+  for (size_t g = 0; g < size_t(GlobalId::kCount); ++g)
+    if (name == globalInfo(GlobalId(g)).name) {
+      components = slTypeFloats(globalInfo(GlobalId(g)).type);
+      if (!o.data) o = t.columns.batch().globals[g];
+    }
+  if (!o.data || component < 0 || uint32_t(component) >= components) return nullptr;
+  if (o.varying()) return o.comp(uint32_t(component));
+  const uint32_t lanes = t.columns.batch().lanes;
+  t.broadcast.reserve(size_t(lanes) * 16);
+  float* const to = t.broadcast.data() + size_t(lanes) * size_t(component % 16);
+  std::fill_n(to, lanes, o.at(0, uint32_t(component)));
+  return to;
+}
+
+}  // namespace fr
