@@ -63,6 +63,9 @@ void Machine::beginLight(LightState& l) {
 
 /// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
 void Machine::emit(Frame& f, const Step& s) {
+  const auto owner = std::find_if(lights_.begin(), lights_.end(), [&](const auto& l) { return &l->frame == &f; });
+  if (owner == lights_.end()) return;  // not run as a light: nothing is lit
+  LightState& l = **owner;
   const uint32_t n = f.lanes();
   const Operand mask = maskOperand(f.mask, n), lit = maskOperand(f.lit, n);
   const Operand* a = f.args(s);
@@ -70,33 +73,21 @@ void Machine::emit(Frame& f, const Step& s) {
   const Operand direction{scratch_.data(), n, ~0u};
   KernelCall c;
   c.lanes = n;
-  if (s.op == Op::illuminate_begin || s.op == Op::illuminate_cone_begin) {
-    runHelper(Helper::subTriple, {direction, f.global(GlobalId::k_Ps), a[0]}, n);
-    f.solar = false;
-    if (s.op == Op::illuminate_cone_begin)
-      runHelper(Helper::maskCone, {mask, mask, direction, a[1], a[2]}, n);
+  f.solar = s.op == Op::solar_begin || s.op == Op::solar_cone_begin;
+  if (!f.solar) {
+    runHelper(Helper::subTriple, {direction, l.Ps, a[0]}, n);
+    if (s.op == Op::illuminate_cone_begin) runHelper(Helper::maskCone, {mask, mask, direction, a[1], a[2]}, n);
   } else {
-    f.solar = true;
-    if (s.op == Op::solar_cone_begin) {
-      const Operand args[] = {direction, a[0]};
-      c.arg = args, c.argCount = 2;
-      kernels().op[size_t(Op::normalize)](c);
-    } else {
-      // Light from everywhere arrives along the surface normal.
-      const Operand N = f.global(GlobalId::k_N);
-      const Operand args[] = {direction, N};
-      c.arg = args, c.argCount = 2;
-      if (N.data)
-        kernels().op[size_t(Op::neg_t)](c);
-      else
-        std::memset(direction.data, 0, size_t(n) * 3 * sizeof(float));
-    }
+    // Light from everywhere arrives along the surface normal.
+    const bool cone = s.op == Op::solar_cone_begin;
+    const Operand args[] = {direction, cone ? a[0] : l.N};
+    c.arg = args, c.argCount = 2;
+    kernels().op[size_t(cone ? Op::normalize : Op::neg_t)](c);
   }
   const Operand L = f.global(GlobalId::k_L);
   if (L.data) runHelper(Helper::assignTripleMasked, {L, direction}, n, f.mask);
   runHelper(Helper::maskOr, {lit, lit, mask}, n);
-  for (auto& l : lights_)
-    if (&l->frame == &f) runHelper(Helper::assignTripleMasked, {l->L, direction}, n, f.mask);
+  runHelper(Helper::assignTripleMasked, {l.L, direction}, n, f.mask);
 }
 
 /// The light's frame has finished for the points of `need`: takes its results over.

@@ -118,9 +118,10 @@ class ShadingSystem {
                  float* alpha);
   ShadingStatistics statistics() const;
 
+  struct Impl;  // shading/system_impl.h
+
  private:
   friend class ShadeTask;
-  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 

@@ -1,4 +1,4 @@
-#include "shading/system_impl.h"
+#include "shading/machine.h"
 
 namespace fr {
 

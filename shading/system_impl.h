@@ -81,12 +81,4 @@ struct ShadingSystem::Impl {
 
 std::unique_ptr<cache::Displacer> makeDisplacer(ShadingSystem::Impl& system);
 
-/// Fills a stencil for (nu+1) x (nv+1) points in rows, cells of du by dv: central differences inside, one-sided at
-/// the borders (RISpec 16).
-void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv);
-/// For meshlets: the two other vertices of one triangle of each vertex; du = dv = 1.
-void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices, uint32_t lanes);
-/// For hits shaded as three points: lane i, its neighbour in u at period + i, in v at 2 period + i.
-void tripleStencil(DerivativeStencil& s, uint32_t period, const float* du, const float* dv);
-
 }  // namespace fr

@@ -1,0 +1,400 @@
+// Statements, masks, built-in functions and suspension, through compiled RSL.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "shading/machine_fixture.h"
+
+namespace fr {
+namespace {
+
+class MachineTest : public ::testing::Test {
+ protected:
+  /// Runs `body` (which sets float r from u, v) and compares with `want(u, v)` at every point, for many batch sizes and
+  /// at every optimisation level.
+  void expect(const std::string& body, const std::function<double(double, double)>& want, double tolerance = 1e-5,
+              const std::string& before = "") {
+    for (int optimize : {0, 2}) {
+      auto s = f.shader(before + "surface t() { float r = 0;\n" + body + "\nCi = color(r, r, r); }", {}, {}, optimize);
+      ASSERT_TRUE(s) << f.error;
+      const uint32_t sizes[][2] = {{0, 0}, {1, 1}, {14, 0}, {15, 0}, {16, 0}, {30, 0}, {32, 0}, {7, 4}, {16, 16}};
+      for (const auto& size : sizes) {
+        f.resize(size[0], size[1]);
+        f.run(*s);
+        const Operand u = f.batch.globals[size_t(GlobalId::k_u)], v = f.batch.globals[size_t(GlobalId::k_v)];
+        for (uint32_t i = 0; i < f.count; ++i) {
+          const double w = want(u.at(i), v.at(i));
+          ASSERT_NEAR(f.Ci(i), w, tolerance * std::max(1.0, std::fabs(w)))
+              << body << " at u " << u.at(i) << " v " << v.at(i) << " of " << f.count << " optimize " << optimize;
+        }
+      }
+    }
+  }
+  MachineFixture f;
+};
+
+TEST_F(MachineTest, Conditionals) {
+  expect("if (u > 0.5) r = 1; else r = 2;", [](double u, double) { return u > 0.5 ? 1 : 2; });
+  expect("if (u > 0.5) r = 1;", [](double u, double) { return u > 0.5 ? 1 : 0; });
+  expect("if (u > 0.3) { if (v > 0.6) r = 1; else r = 2; r += 10; } else { if (v > 0.2) r = 3; }",
+         [](double u, double v) { return u > 0.3f ? (v > 0.6f ? 11 : 12) : v > 0.2f ? 3 : 0; });
+  expect("if (1 > 2) r = 1; else r = 5;", [](double, double) { return 5; });
+  expect("float k = 3; if (k == 3) { if (u > 0.5) r = 7; } else r = 1;", [](double u, double) { return u > 0.5 ? 7 : 0; });
+  // The condition's variable changes inside.
+  expect("float c = u > 0.5 ? 1 : 0; if (c) { c = 0; r = 1; } else { c = 1; r = 2; }",
+         [](double u, double) { return u > 0.5 ? 1 : 2; });
+}
+
+TEST_F(MachineTest, Loops) {
+  expect("float i; for (i = 0; i < 5; i += 1) r += i;", [](double, double) { return 10; });
+  expect("float i = 0; while (i < u * 8) { r += 1; i += 1; }", [](double u, double) { return std::ceil(u * 8); });
+  expect("float i; for (i = 0; i < 8; i += 1) { if (i > u * 4) break; r += 1; }",
+         [](double u, double) { return std::floor(u * 4) + 1; });
+  expect("float i; for (i = 0; i < 8; i += 1) { if (mod(i, 2) < u) continue; r += i; }", [](double u, double) {
+    double r = 0;
+    for (int i = 0; i < 8; ++i)
+      if (!(i % 2 < u)) r += i;
+    return r;
+  });
+  expect("float i, j; for (i = 0; i < 5; i += 1) { for (j = 0; j < 5; j += 1) { if (j > v * 5) break 2; if (i > u * 5) continue 2;"
+         " r += 1; } r += 100; }",
+         [](double u, double v) {
+           double r = 0;
+           for (int i = 0; i < 5; ++i) {
+             bool next = false, out = false;
+             for (int j = 0; j < 5; ++j) {
+               if (float(j) > float(v) * 5.0f) { out = true; break; }
+               if (float(i) > float(u) * 5.0f) { next = true; break; }
+               r += 1;
+             }
+             if (out) break;
+             if (next) continue;
+             r += 100;
+           }
+           return r;
+         });
+}
+
+TEST_F(MachineTest, FunctionsWithEarlyReturns) {
+  expect("r = f(u, v) + f(v, u);",
+         [](double u, double v) {
+           const auto g = [](double a, double b) { return a > 0.5 ? (b > 0.5 ? 1 : 2) : b; };
+           return g(u, v) + g(v, u);
+         },
+         1e-5, "float f(float a; float b) { if (a > 0.5) { if (b > 0.5) return 1; return 2; } return b; }\n");
+  expect("r = g(u);", [](double u, double) { return std::floor(float(u) * 10.0f); }, 1e-5,
+         "float g(float a) { float i; for (i = 0; i < 20; i += 1) { if (i + 1 > a * 10) return i; } return -1; }\n");
+}
+
+TEST_F(MachineTest, ArraysAndVaryingIndices) {
+  expect("float a[4] = {1, 2, 4, 8}; r = a[u * 3.99];", [](double u, double) { return std::exp2(std::floor(u * 3.99)); });
+  expect("float a[3]; float i; for (i = 0; i < 3; i += 1) a[i] = i * u; r = a[0] + a[1] + a[2];",
+         [](double u, double) { return 3 * u; });
+  expect("float a[2] = {0, 0}; a[u > 0.5 ? 1 : 0] = 5; r = a[1];", [](double u, double) { return u > 0.5 ? 5 : 0; });
+}
+
+TEST_F(MachineTest, SplinesInterpolate) {
+  expect("r = spline(u, 0, 0, 1, 2, 3, 3);", [](double u, double) {
+    const double k[] = {0, 0, 1, 2, 3, 3}, x = std::min(u * 3, 2.9999999);
+    const int s = int(x);
+    const double t = x - s, *p = k + s;
+    return 0.5 * (2 * p[1] + (p[2] - p[0]) * t + (2 * p[0] - 5 * p[1] + 4 * p[2] - p[3]) * t * t +
+                  (3 * p[1] - p[0] - 3 * p[2] + p[3]) * t * t * t);
+  });
+  expect("r = spline(\"bezier\", u, 1, 1, 4, 4);", [](double u, double) { return 1 + 3 * u * u * (3 - 2 * u); });
+  expect("r = spline(\"linear\", u, 9, 1, 3, 9);", [](double u, double) { return 1 + 2 * u; });
+  expect("r = spline(\"bspline\", u, 2, 2, 2, 2, 2);", [](double, double) { return 2; });
+}
+
+TEST_F(MachineTest, VectorsAndTransforms) {
+  f.host.spaces["shifted"] = DMat4(1.0);
+  f.host.spaces["shifted"][3] = DVec4(10, 0, 0, 1);  // shifted -> current adds 10 in x
+  f.host.spaces["scaled"] = DMat4(1.0);
+  f.host.spaces["scaled"][0][0] = 2;
+  expect("r = xcomp(transform(\"shifted\", P));", [](double u, double) { return u - 10; });
+  expect("point q = point \"shifted\" (1, 2, 3); r = xcomp(q);", [](double, double) { return 11; });
+  expect("vector q = vtransform(\"shifted\", vector (u, 0, 0)); r = xcomp(q);", [](double u, double) { return u; });
+  expect("normal q = ntransform(\"scaled\", normal (u, 0, 0)); r = xcomp(q);", [](double u, double) { return 2 * u; });
+  expect("matrix m = translate(1, vector (u, 0, 0)); r = xcomp(transform(m, point (1, 1, 1)));",
+         [](double u, double) { return 1 + u; });
+  expect("r = depth(P + vector (0, 0, u));", [](double u, double) { return u / 10; });
+  expect("r = comp(ctransform(\"hsv\", \"rgb\", color (u, 0, v)), 1);", [](double, double v) { return v; });
+  expect("r = xcomp(rotate(point (1, 0, 0), u, point (0, 0, 0), point (0, 0, 1)));",
+         [](double u, double) { return std::cos(u); });
+}
+
+TEST_F(MachineTest, DerivativesOnAGrid) {
+  DerivativeStencil d;
+  auto s = f.shader("surface t() { float a = u * u + 3 * v; Ci = color(Du(a), Dv(a), area(P)); }");
+  ASSERT_TRUE(s) << f.error;
+  constexpr uint32_t nu = 8, nv = 4;
+  f.resize(nu, nv);
+  gridStencil(d, nu, nv, f.lanes, 1.0f / nu, 1.0f / nv);
+  f.batch.stencil = &d;
+  f.run(*s);
+  for (uint32_t y = 0; y <= nv; ++y)
+    for (uint32_t x = 0; x <= nu; ++x) {
+      const uint32_t i = y * (nu + 1) + x;
+      const double u = double(x) / nu, h = 1.0 / nu;
+      const double want = x == 0 ? h : x == nu ? 2 - h : 2 * u;  // one-sided at the borders
+      EXPECT_NEAR(f.Ci(i, 0), want, 1e-5);
+      EXPECT_NEAR(f.Ci(i, 1), 3, 1e-5);
+      EXPECT_NEAR(f.Ci(i, 2), 1.0 / nu / nv, 1e-6);
+    }
+  auto n = f.shader("surface t() { P += vector(0, 0, 2 * u); N = calculatenormal(P); Ci = color(N); }");
+  ASSERT_TRUE(n) << f.error;
+  f.batch.orientation = -1;
+  f.run(*n);
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i, 0) / f.Ci(i, 2), -2, 1e-5);
+}
+
+TEST_F(MachineTest, ParametersDefaultsAndOverrides) {
+  f.shaderToCurrent[3] = DVec4(5, 0, 0, 1);
+  const std::string source =
+      "surface t(float a = 2; point p = point \"shader\" (1, 0, 0); float b = sqrt(16); color c = color \"hsv\" (0, 0, .5);"
+      "string s = concat(\"x\", \"y\"); float k[3] = {1, 2, 3};)"
+      "{ Ci = color(a + b, xcomp(p), k[2] + (s == \"xy\" ? 10 : 0)) + 0 * c; }";
+  auto plain = f.shader(source);
+  ASSERT_TRUE(plain) << f.error;
+  f.run(*plain);
+  EXPECT_NEAR(f.Ci(3, 0), 6, 1e-6);
+  EXPECT_NEAR(f.Ci(3, 1), 6, 1e-6);
+  EXPECT_NEAR(f.Ci(3, 2), 13, 1e-6);
+  EXPECT_NEAR(plain->parameter("c")->floats[0], 0.5, 1e-6);
+  ShaderValue seven;
+  seven.floats = {7};
+  auto set = f.shader(source, {{"a", seven}});
+  f.run(*set);
+  EXPECT_NEAR(f.Ci(0, 0), 11, 1e-6);
+  // A uniform parameter that a primitive variable overrides.
+  auto varying = f.shader(source, {}, {"a"});
+  std::vector<float> memory(f.lanes + 16);
+  float* values = memory.data() + (64 - (reinterpret_cast<uintptr_t>(memory.data()) & 63)) / 4 % 16;
+  for (uint32_t i = 0; i < f.lanes; ++i) values[i] = float(i);
+  const Batch::Override o[] = {{varying->program().findParameter("a"), Operand{values, f.lanes, ~0u}}};
+  f.batch.overrides = o;
+  f.run(*varying);
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i, 0), float(i) + 4, 1e-5);
+}
+
+TEST_F(MachineTest, RandomNumbersBelongToPointsNotToBatches) {
+  auto s = f.shader("surface t() { float i, r = 0; for (i = 0; i < 4; i += 1) { if (i <= u * 4) r += random(); }"
+                    " Ci = color(r, random(), random()); }");
+  ASSERT_TRUE(s) << f.error;
+  f.resize(31, 0);
+  f.run(*s);
+  std::vector<float> all;
+  double sum = 0;
+  for (uint32_t i = 0; i < f.count; ++i) all.push_back(f.Ci(i, 1)), sum += f.Ci(i, 1);
+  EXPECT_NEAR(sum / 32, 0.5, 0.2);
+  EXPECT_NE(f.Ci(3, 1), f.Ci(3, 2));
+  // The same points in another arrangement.
+  f.resize(31, 3);
+  f.run(*s);
+  for (uint32_t i = 0; i < 32; ++i) EXPECT_EQ(f.Ci(i, 1), all[i]);
+}
+
+const char* kPointLight =
+    "light pointlight(float intensity = 1; color lightcolor = 1; point from = point \"shader\" (0,0,0);"
+    " string __category = \"\"; output float __tag = 3)"
+    "{ illuminate (from) { Cl = intensity * lightcolor / (L . L); __tag = 4; } }";
+const char* kPlastic =
+    "surface plastic(float Ka = 1, Kd = .5, Ks = .5, roughness = .1; color specularcolor = 1)"
+    "{ normal Nf = faceforward(normalize(N), I); Oi = Os;"
+    "  Ci = Os * (Cs * (Ka * ambient() + Kd * diffuse(Nf)) + specularcolor * Ks * specular(Nf, -normalize(I), roughness)); }";
+
+double plastic(const Vec3& P, const Vec3& light, double Kd, double Ks) {
+  const Vec3 N(0, 0, -1), toLight = light - P, V = -glm::normalize(P), L = glm::normalize(toLight);
+  const double Cl = 1 / glm::dot(toLight, toLight);
+  const double nl = glm::dot(N, L);
+  if (nl <= 0) return 0;
+  return Cl * (Kd * nl + Ks * std::pow(std::max(0.0f, glm::dot(N, glm::normalize(L + V))), 10.0));
+}
+
+TEST_F(MachineTest, PlasticUnderAPointLightAndAmbient) {
+  f.shaderToCurrent[3] = DVec4(0.3, 0.4, -2, 1);
+  auto light = f.shader(kPointLight);
+  auto ambient = f.shader("light ambientlight(float intensity = .25) { Cl = intensity; }");
+  f.shaderToCurrent = DMat4(1.0);
+  auto s = f.shader(kPlastic);
+  ASSERT_TRUE(light && ambient && s) << f.error;
+  f.run(*s, {light.get(), ambient.get()});
+  const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+  for (uint32_t i = 0; i < f.count; ++i) {
+    const Vec3 p(P.at(i, 0), P.at(i, 1), P.at(i, 2));
+    EXPECT_NEAR(f.Ci(i), 0.25 + plastic(p, Vec3(0.3f, 0.4f, -2), 0.5, 0.5), 2e-5);
+  }
+  // Three loops over lights (diffuse and specular share one evaluation of the point light).
+  EXPECT_EQ(f.machine.statistics().lightPoints, 2u * f.count);
+}
+
+TEST_F(MachineTest, ShadowRaysMultiplyTheLight) {
+  f.shaderToCurrent[3] = DVec4(0.3, 0.4, -2, 1);
+  auto plain = f.shader(kPointLight);
+  auto s = f.shader(kPlastic);
+  ASSERT_TRUE(plain && s) << f.error;
+  ShaderInstance light = *plain;
+  light.shadows = true;
+  uint32_t rays = 0;
+  f.oracle = [&](PendingRays& r) {
+    EXPECT_EQ(r.kind, RayKind::kVisibility);
+    for (uint32_t k = 0; k < r.count; ++k) {
+      // Shadow where x > 0.5; the ray ends at the light.
+      EXPECT_NEAR(r.origin[0][k] + r.direction[0][k], 0.3, 1e-5);
+      EXPECT_NEAR(r.origin[2][k] + r.direction[2][k], -2, 1e-5);
+      const float seen = r.origin[0][k] > 0.5f ? 0.0f : 1.0f;
+      for (auto& c : r.color) c[k] = seen;
+    }
+    rays += r.count;
+  };
+  f.run(*s, {&light});
+  EXPECT_EQ(f.suspensions, 1);  // specular() finds the shadow known
+  EXPECT_EQ(rays, f.count);
+  const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+  for (uint32_t i = 0; i < f.count; ++i) {
+    const Vec3 p(P.at(i, 0), P.at(i, 1), P.at(i, 2));
+    EXPECT_NEAR(f.Ci(i), p.x > 0.5f ? 0 : plastic(p, Vec3(0.3f, 0.4f, -2), 0.5, 0.5), 2e-5);
+  }
+}
+
+TEST_F(MachineTest, CategoriesConesAndMessages) {
+  auto a = f.shader("light a(string __category = \"key, left\"; float mark = 1) { solar (vector (0, 0, 1), 0) Cl = 1; }");
+  auto b = f.shader("light b(float mark = 10) { illuminate (point (0.5, 0.5, 0), vector (0, 0, 1), 0.3) Cl = 2; }");
+  ASSERT_TRUE(a && b) << f.error;
+  const auto sum = [&](const std::string& loop) {
+    auto s = f.shader("surface t() { color r = 0; float m = 0, marks = 0; " + loop +
+                      " { if (lightsource(\"mark\", m) == 1) marks += m; r += Cl; }"
+                      " Ci = color(comp(r, 0), marks, 0); }");
+    EXPECT_TRUE(s) << f.error;
+    if (s) f.run(*s, {a.get(), b.get()});
+  };
+  const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+  const auto inCone = [&](uint32_t i) {
+    const Vec3 d(P.at(i, 0) - 0.5f, P.at(i, 1) - 0.5f, 1);
+    return std::acos(d.z / glm::length(d)) < 0.3;
+  };
+  sum("illuminance (P)");
+  for (uint32_t i = 0; i < f.count; ++i) {
+    EXPECT_NEAR(f.Ci(i), 1 + (inCone(i) ? 2 : 0), 1e-6);
+    EXPECT_NEAR(f.Ci(i, 1), 1 + (inCone(i) ? 10 : 0), 1e-6);
+  }
+  sum("illuminance (\"left\", P)");
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i), 1, 1e-6);
+  sum("illuminance (\"-key\", P)");
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i), inCone(i) ? 2 : 0, 1e-6);
+  sum("illuminance (P, vector (0, 0, 1), PI/2)");  // lights are behind
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i), 0, 1e-6);
+}
+
+/// Answers that depend on the ray alone: what a scene would do.
+void analyticOracle(PendingRays& r) {
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const float x = r.origin[0][k], y = r.origin[1][k];
+    r.hitDistance[k] = x + 1;
+    r.missDepth[k] = 2;
+    for (int c = 0; c < 3; ++c) {
+      r.color[c][k] = x + 2 * y;
+      r.hitP[c][k] = r.origin[c][k] + r.direction[c][k] * (x + 1);
+      r.hitN[c][k] = -r.direction[c][k];
+      r.missP[c][k] = 7, r.missR[c][k] = r.direction[c][k];
+    }
+  }
+}
+
+TEST_F(MachineTest, EveryRayOperationSuspendsAndResumesAnywhere) {
+  f.oracle = analyticOracle;
+  const auto color = [](double u, double v) { return double(float(u)) + 2 * v; };
+  const std::string use = "vector D = vector (0, 0, 1); ";
+  expect(use + "r = comp(trace(P, D), 0);", color);
+  EXPECT_EQ(f.suspensions, 1);
+  expect(use + "float d = trace(P, D); r = d;", [](double u, double) { return u + 1; });
+  expect(use + "r = comp(visibility(P, P + D), 1);", color);
+  expect(use + "r = comp(transmission(P, P + D), 1);", color);
+  expect(use + "point Ph = 0; vector Nh = 0; r = rayhittest(P, D, Ph, Nh) + zcomp(Ph) * 10 + zcomp(Nh) * 100;",
+         [](double u, double) { return u + 1 + (1 + u + 1) * 10 - 100; });
+  expect(use + "color c = 0; float d = 0; point p = 0, q = 0; vector n = 0, w = 0;"
+               "r = fulltrace(P, D, c, d, p, n, q, w) + d * 10 + comp(c, 0) * 100 + xcomp(q) * 1000 + zcomp(w) * 10000;",
+         [&](double u, double v) { return 2 + (u + 1) * 10 + color(u, v) * 100 + 7000 + 10000; });
+  // In conditionals, loops and user functions; only active points ask.
+  expect(use + "if (u > 0.5) r = comp(trace(P, D), 0); else r = -1;",
+         [&](double u, double v) { return u > 0.5 ? color(u, v) : -1; });
+  expect(use + "float i; for (i = 0; i < 3; i += 1) { if (i > u * 3) break; r += comp(trace(P, D), 0); }",
+         [&](double u, double v) { return color(u, v) * std::min(3.0, std::floor(u * 3) + 1); });
+  expect(use + "if (v < 0.7) { r = f(P, D, u); }",
+         [&](double u, double v) { return v < 0.7f ? (u > 0.2f ? color(u, v) : 0.5) : 0; }, 1e-5,
+         "float f(point A; vector B; float x) { if (x > 0.2) { color c = trace(A, B); return comp(c, 0); } return 0.5; }\n");
+  // Nobody active: nobody asks.
+  expect(use + "if (u > 2) r = comp(trace(P, D), 0);", [](double, double) { return 0; });
+  EXPECT_EQ(f.suspensions, 0);
+}
+
+TEST_F(MachineTest, RaysInLightsSuspendTheSurface) {
+  f.oracle = analyticOracle;
+  auto light = f.shader("light t(point from = point (0, 0, -3)) { illuminate (from) { if (xcomp(Ps) > 0.3)"
+                        " Cl = visibility(Ps, from); else Cl = 5; } }");
+  auto s = f.shader("color lit(point Q) { color r = 0; illuminance (Q) { r += Cl; if (u > 0.5) r += trace(P, L); } return r; }\n"
+                    "surface t() { Ci = 1; if (v > 0.1) Ci = lit(P); }");
+  ASSERT_TRUE(light && s) << f.error;
+  f.run(*s, {light.get()});
+  EXPECT_EQ(f.suspensions, 2);
+  const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+  for (uint32_t i = 0; i < f.count; ++i) {
+    const double x = P.at(i, 0), y = P.at(i, 1), c = x + 2 * y;
+    const double want = y > 0.1f ? (x > 0.3f ? c : 5) + (x > 0.5 ? c : 0) : 1;
+    EXPECT_NEAR(f.Ci(i), want, 1e-5) << x << " " << y;
+  }
+}
+
+TEST_F(MachineTest, OcclusionAndGather) {
+  // Everything above z = 1 in the direction +x hits.
+  f.oracle = [](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) {
+      const bool hit = r.direction[0][k] > 0;
+      r.hitDistance[k] = hit ? 2.0f : 1e30f;
+      for (auto& c : r.color) c[k] = hit ? 0.5f : 0.0f;
+    }
+  };
+  auto s = f.shader("surface t() { float hits = 0, misses = 0; color c = 0; float len = 0;"
+                    " gather (\"illuminance\", P, N, PI/2, 64, \"surface:Ci\", c, \"ray:length\", len)"
+                    " { hits += 1; if (u > 0.5) continue; hits += 0; } else { misses += 1; }"
+                    " Ci = color(hits + misses, hits, occlusion(P, N, 64)); }");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  for (uint32_t i = 0; i < f.count; ++i) {
+    EXPECT_EQ(f.Ci(i, 0), 64);
+    EXPECT_NEAR(f.Ci(i, 1), 32, 5);
+    EXPECT_NEAR(f.Ci(i, 2), 0.5, 0.08);
+  }
+}
+
+TEST_F(MachineTest, StateAndMessages) {
+  f.batch.level = 2;
+  auto displacement = f.shader("displacement d(float height = .75; string how = \"deep\") { P += height * N; }");
+  auto s = f.shader("surface t(output float mark = 0) { float rate = 0, h = 0, fmt[3] = {0, 0, 0}; string name = \"\", how = \"\";"
+                    " attribute(\"ShadingRate\", rate); option(\"Format\", fmt); rendererinfo(\"renderer\", name);"
+                    " float found = displacement(\"height\", h) + displacement(\"how\", how) + displacement(\"absent\", h);"
+                    " mark = found; Ci = color(rate, h + raylevel() * 10, fmt[0]);"
+                    " if (name == \"frankenrender\" && how == \"deep\" && shadername() == \"t\") mark += 10;"
+                    " printf(\"%f %s\\n\", rate, name); }");
+  ASSERT_TRUE(displacement && s) << f.error;
+  Machine::Partners partners;
+  partners.displacement = displacement.get();
+  partners.surface = s.get();
+  f.run(*s, {}, partners);
+  EXPECT_NEAR(f.Ci(0, 0), 0.25, 1e-6);
+  EXPECT_NEAR(f.Ci(0, 1), 20.75, 1e-5);
+  EXPECT_NEAR(f.Ci(0, 2), 640, 1e-3);
+  EXPECT_NEAR(f.machine.result("mark").at(0), 12, 1e-6);
+  EXPECT_EQ(f.host.printed, "0.25 frankenrender\n");
+}
+
+TEST_F(MachineTest, EndlessLoopsEnd) {
+  setReportSink([](const Error&) {});
+  auto s = f.shader("surface t() { float i = 0; while (i < 1) { Ci = 1; } }");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  setReportSink({});
+}
+
+}  // namespace
+}  // namespace fr
