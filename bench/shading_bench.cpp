@@ -35,13 +35,14 @@ void shade(benchmark::State& state, const std::string& source) {
     f.run(*surface, {light.get()});
     benchmark::DoNotOptimize(f.Ci(0));
   }
-  state.counters["ns/point"] = benchmark::Counter(double(f.count) * 1e-9, benchmark::Counter::kIsIterationInvariantRate |
-                                                                               benchmark::Counter::kInvert);
+  state.counters["ns/point"] = benchmark::Counter(
+      double(f.count) * 1e-9, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
 const char* kNoise =
     "surface turbulence(float octaves = 6) { float i, r = 0, a = 1; point Q = 4 * P;"
-    " for (i = 0; i < octaves; i += 1) { r += a * abs(2 * noise(Q) - 1); a *= .5; Q *= 2; } Ci = r; Oi = 1; }";
+    " for (i = 0; i < octaves; i += 1) { r += a * abs(2 * noise(Q) - 1); a *= .5; Q *= 2; } Ci = r; Oi = 1; "
+    "}";
 
 void plastic(benchmark::State& s) { shade(s, standardShader("plastic")); }
 void matte(benchmark::State& s) { shade(s, standardShader("matte")); }

@@ -17,8 +17,8 @@ class ShadingSystem::Impl::Displacement final : public cache::Displacer {
     return a.displacement != cache::kNone && system_.setup(objects[object].attributes).displaced;
   }
 
-  void displace(cache::NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v, int gridNu,
-                int gridNv, float* const P[3], float* const N[3]) override {
+  void displace(cache::NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
+                int gridNu, int gridNv, float* const P[3], float* const N[3]) override {
     const ShadeSetup& setup = system_.setup(system_.scene.objectOf(node).attributes);
     if (!setup.displaced || n == 0 || n > kMaxShadePoints) return;
     std::unique_ptr<Work> work = take();
@@ -29,7 +29,8 @@ class ShadingSystem::Impl::Displacement final : public cache::Displacer {
     for (size_t k = 0; k < n; ++k) {
       const uint32_t i = uint32_t(k);
       if (newP.data) {
-        const Vec3 p = transformPoint(system_.currentToCache, Vec3(newP.at(i, 0), newP.at(i, 1), newP.at(i, 2)));
+        const Vec3 p =
+            transformPoint(system_.currentToCache, Vec3(newP.at(i, 0), newP.at(i, 1), newP.at(i, 2)));
         // A point that was moved out of the world stays where it was.
         if (isFinite(p))
           for (int c = 0; c < 3; ++c) P[c][k] = p[c];

@@ -100,9 +100,8 @@ void Executable::inferClasses(const std::vector<std::string>& varyingParameters)
         const uint32_t s = a & kArgIndex;
         const Symbol& symbol = p.symbols[s];
         if (!(a & kArgWritten) || places_[s].varying || symbol.type == SlType::kString) continue;
-        if (symbol.declaredClass && !symbol.isVarying()) continue;  // the source says uniform
-        const bool named = symbol.storage != Storage::kTemp;
-        if (reads || (flags & kOpResultVarying) || (named && inside)) places_[s].varying = changed = true;
+        if (reads || (flags & kOpResultVarying) || ((flags & kOpMasked) && inside))
+          places_[s].varying = changed = true;
       }
     }
   }
@@ -113,7 +112,8 @@ void Executable::placeSymbols() {
   for (const bool locals : {true, false}) {
     for (uint32_t i = 0; i < p.symbols.size(); ++i) {
       const Symbol& s = p.symbols[i];
-      if ((s.storage == Storage::kLocal) != locals) continue;
+      const bool variable = s.storage == Storage::kLocal || (s.storage == Storage::kTemp && s.isArray());
+      if (variable != locals) continue;
       if (s.storage == Storage::kGlobal && s.data < globals_.size()) globals_[s.data] = i;
       uint32_t& counter = s.type == SlType::kString ? strings_ : places_[i].varying ? columns_ : blocks_;
       places_[i].first = counter;

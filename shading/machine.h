@@ -21,11 +21,12 @@ struct DerivativeStencil {
   void resize(size_t lanes);
 };
 
-/// Fills a stencil for (nu+1) x (nv+1) points in rows, cells of du by dv: central differences inside, one-sided at
-/// the borders (RISpec 16).
+/// Fills a stencil for (nu+1) x (nv+1) points in rows, cells of du by dv: central differences inside,
+/// one-sided at the borders (RISpec 16).
 void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv);
 /// For meshlets: the two other vertices of one triangle of each vertex; du = dv = 1.
-void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices, uint32_t lanes);
+void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices,
+                    uint32_t lanes);
 /// For hits shaded as three points: lane i, its neighbour in u at period + i, in v at 2 period + i.
 void tripleStencil(DerivativeStencil& s, uint32_t period, const float* du, const float* dv);
 
@@ -131,6 +132,7 @@ class Machine {
   void applyShadowRays(Control& c, LightState& l);
   bool matchesCategory(const LightState& l, std::string_view category) const;
   void emit(Frame& f, const Step& s);
+  bool sendToLight(Frame& f, const Step& s, LightState& l);
   // machine_ray.cpp
   Next rayOp(Frame& f, const Step& s);
   Next gatherTurn(Frame& f);

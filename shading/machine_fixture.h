@@ -68,7 +68,8 @@ class MachineFixture {
     };
     batch = Batch{};
     const Operand P = column(GlobalId::k_P), N = column(GlobalId::k_N), Ng = column(GlobalId::k_Ng);
-    const Operand u = column(GlobalId::k_u), v = column(GlobalId::k_v), s = column(GlobalId::k_s), t = column(GlobalId::k_t);
+    const Operand u = column(GlobalId::k_u), v = column(GlobalId::k_v), s = column(GlobalId::k_s),
+                  t = column(GlobalId::k_t);
     const Operand I = column(GlobalId::k_I), Cs = column(GlobalId::k_Cs), Os = column(GlobalId::k_Os);
     const Operand du = column(GlobalId::k_du), dv = column(GlobalId::k_dv);
     batch.globals[size_t(GlobalId::k_Oi)] = Os;
@@ -76,7 +77,8 @@ class MachineFixture {
     stencil_.resize(lanes);
     for (uint32_t i = 0; i < lanes; ++i) {
       const uint32_t k = std::min(i, count - 1);
-      const float x = float(k % (nu + 1)) / float(std::max(1u, nu)), y = float(k / (nu + 1)) / float(std::max(1u, nv));
+      const float x = float(k % (nu + 1)) / float(std::max(1u, nu)),
+                  y = float(k / (nu + 1)) / float(std::max(1u, nv));
       P.comp(0)[i] = x, P.comp(1)[i] = y, P.comp(2)[i] = 1;
       N.comp(2)[i] = Ng.comp(2)[i] = -1;
       u.data[i] = s.data[i] = x, v.data[i] = t.data[i] = y;
@@ -94,7 +96,8 @@ class MachineFixture {
   /// Compiles and binds; an empty pointer (and the message in `error`) when the source is wrong.
   std::shared_ptr<const ShaderInstance> shader(const std::string& source,
                                                const std::vector<ParameterSetting>& settings = {},
-                                               const std::vector<std::string>& varying = {}, int optimize = 2) {
+                                               const std::vector<std::string>& varying = {},
+                                               int optimize = 2) {
     Diagnostics diagnostics;
     CompileOptions options;
     options.optimize = optimize;
@@ -103,12 +106,15 @@ class MachineFixture {
       error = program.error().str();
       return nullptr;
     }
-    auto exe = std::make_shared<Executable>(std::make_shared<const ShaderProgram>(std::move(*program)), varying);
-    return bindShader(exe, shaderToCurrent, settings, host);
+    auto exe =
+        std::make_shared<Executable>(std::make_shared<const ShaderProgram>(std::move(*program)), varying);
+    kept_.push_back(bindShader(exe, shaderToCurrent, settings, host));
+    return kept_.back();
   }
 
   /// Runs to the end; rays are answered by `oracle` (default: everything misses). Counts the suspensions.
-  void run(const ShaderInstance& s, const std::vector<const ShaderInstance*>& lights = {}, Machine::Partners partners = {}) {
+  void run(const ShaderInstance& s, const std::vector<const ShaderInstance*>& lights = {},
+           Machine::Partners partners = {}) {
     suspensions = 0;
     machine.begin(batch, s, lights, partners);
     while (machine.run() == Machine::Status::kNeedsRays) {
@@ -129,6 +135,7 @@ class MachineFixture {
   std::function<void(PendingRays&)> oracle;
 
  private:
+  std::vector<std::shared_ptr<const ShaderInstance>> kept_;
   std::vector<float> memory_;
   std::vector<uint64_t> seeds_;
   DerivativeStencil stencil_;

@@ -28,6 +28,10 @@ bool listed(std::string_view list, std::string_view word) {
   }
   return false;
 }
+/// Operands of a light loop before the optional ones.
+uint32_t lightOptions(Op op) {
+  return op == Op::illuminance_cone_begin ? 4 : op == Op::illuminance_begin ? 2 : 1;
+}
 }  // namespace
 
 bool Machine::matchesCategory(const LightState& l, std::string_view category) const {
@@ -39,6 +43,7 @@ bool Machine::matchesCategory(const LightState& l, std::string_view category) co
 void Machine::beginLight(LightState& l) {
   const uint32_t n = batch_.lanes;
   l.begun = true;
+  l.sentTo = false;
   l.ambient = l.instance->exe->has(kProgramAmbientLight);
   const ShaderProgram& p = l.instance->program();
   l.readsNormal = (p.readsGlobals & (globalBit(GlobalId::k_N) | globalBit(GlobalId::k_Ns))) != 0;
@@ -63,7 +68,8 @@ void Machine::beginLight(LightState& l) {
 
 /// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
 void Machine::emit(Frame& f, const Step& s) {
-  const auto owner = std::find_if(lights_.begin(), lights_.end(), [&](const auto& l) { return &l->frame == &f; });
+  const auto owner =
+      std::find_if(lights_.begin(), lights_.end(), [&](const auto& l) { return &l->frame == &f; });
   if (owner == lights_.end()) return;  // not run as a light: nothing is lit
   LightState& l = **owner;
   const uint32_t n = f.lanes();
@@ -76,7 +82,8 @@ void Machine::emit(Frame& f, const Step& s) {
   f.solar = s.op == Op::solar_begin || s.op == Op::solar_cone_begin;
   if (!f.solar) {
     runHelper(Helper::subTriple, {direction, l.Ps, a[0]}, n);
-    if (s.op == Op::illuminate_cone_begin) runHelper(Helper::maskCone, {mask, mask, direction, a[1], a[2]}, n);
+    if (s.op == Op::illuminate_cone_begin)
+      runHelper(Helper::maskCone, {mask, mask, direction, a[1], a[2]}, n);
   } else {
     // Light from everywhere arrives along the surface normal.
     const bool cone = s.op == Op::solar_cone_begin;
@@ -177,6 +184,7 @@ Machine::Next Machine::lightTurn(Frame& f) {
           return Next::kGo;
         }
         LightState& l = *lights_[size_t(c.light)];
+        if (sendToLight(f, s, l)) std::memset(l.evaluated, 0, bytes);
         // Points whose position (or normal, where the light reads it) has changed are forgotten.
         const Operand N = f.global(GlobalId::k_N);
         const Operand changed = maskOperand(l.scratch, n), evaluated = maskOperand(l.evaluated, n);
@@ -256,11 +264,41 @@ Machine::Next Machine::lightTurn(Frame& f) {
         if (L.data && !ambient) runHelper(Helper::negateMasked, {L, l.L}, n, f.mask);
         if (Cl.data) runHelper(Helper::assignTripleMasked, {Cl, l.Cl}, n, f.mask);
         if (Ol.data) runHelper(Helper::assignTripleMasked, {Ol, l.Ol}, n, f.mask);
+        for (uint32_t k = lightOptions(s.op); k + 1 < s.argCount; k += 2) {
+          const std::string_view name = text(f, s, k);
+          if (isWritten(f, s, k + 1) && name.substr(0, 6) == "light:")
+            copyRegister(f, symbolOf(f, s, k + 1), a[k + 1], l.frame, name.substr(6));
+        }
         f.pc = c.begin + 1;
         return Next::kGo;
       }
     }
   }
+}
+
+/// "send:name", value: sets the light's parameter for this loop. True: there was one, and the light has to
+/// run anew.
+bool Machine::sendToLight(Frame& f, const Step& s, LightState& l) {
+  bool sent = l.sentTo;
+  if (l.sentTo) beginLight(l);  // the parameters of the last loop are gone
+  l.sentTo = false;
+  for (uint32_t k = lightOptions(s.op); k + 1 < s.argCount; k += 2) {
+    const std::string_view name = text(f, s, k);
+    if (name.substr(0, 5) != "send:") continue;
+    const uint32_t index = l.instance->program().findParameter(name.substr(5));
+    if (index == kNoIndex) continue;
+    const uint32_t to = l.instance->program().parameters[index].symbol, from = symbolOf(f, s, k + 1);
+    const Symbol& x = l.instance->program().symbols[to];
+    const Symbol& y = f.exe().program().symbols[from];
+    const Operand& out = l.frame.symbol(to);
+    const Operand& in = f.args(s)[k + 1];
+    if (x.type == SlType::kString || x.arrayLength != y.arrayLength || x.floats() != y.floats()) continue;
+    if (in.varying() && !out.varying()) continue;
+    for (uint32_t c = 0; c < x.floats(); ++c)
+      for (uint32_t i = 0; i < (out.varying() ? f.lanes() : kLanePad); ++i) out.comp(c)[i] = in.at(i, c);
+    sent = l.sentTo = true;
+  }
+  return sent;
 }
 
 }  // namespace fr

@@ -14,6 +14,7 @@ struct Machine::LightState {
   bool begun = false;  // prepared for this batch
   bool ambient = false;
   bool readsNormal = false;
+  bool sentTo = false;  // the last loop over it set its parameters
   std::string_view category;
   Operand Ps, N, L, Cl, Ol;      // Ps, N: what it was run for. L as in the light: from the light to the point
   int32_t* evaluated = nullptr;  // points that it was run for

@@ -10,14 +10,16 @@ namespace {
 
 class MachineTest : public ::testing::Test {
  protected:
-  /// Runs `body` (which sets float r from u, v) and compares with `want(u, v)` at every point, for many batch sizes and
-  /// at every optimisation level.
-  void expect(const std::string& body, const std::function<double(double, double)>& want, double tolerance = 1e-5,
-              const std::string& before = "") {
+  /// Runs `body` (which sets float r from u, v) and compares with `want(u, v)` at every point, for many batch
+  /// sizes and at every optimisation level.
+  void expect(const std::string& body, const std::function<double(double, double)>& want,
+              double tolerance = 1e-5, const std::string& before = "") {
     for (int optimize : {0, 2}) {
-      auto s = f.shader(before + "surface t() { float r = 0;\n" + body + "\nCi = color(r, r, r); }", {}, {}, optimize);
+      auto s = f.shader(before + "surface t() { float r = 0;\n" + body + "\nCi = color(r, r, r); }", {}, {},
+                        optimize);
       ASSERT_TRUE(s) << f.error;
-      const uint32_t sizes[][2] = {{0, 0}, {1, 1}, {14, 0}, {15, 0}, {16, 0}, {30, 0}, {32, 0}, {7, 4}, {16, 16}};
+      const uint32_t sizes[][2] = {{0, 0},  {1, 1},  {14, 0}, {15, 0}, {16, 0},
+                                   {30, 0}, {32, 0}, {7, 4},  {16, 16}};
       for (const auto& size : sizes) {
         f.resize(size[0], size[1]);
         f.run(*s);
@@ -25,7 +27,8 @@ class MachineTest : public ::testing::Test {
         for (uint32_t i = 0; i < f.count; ++i) {
           const double w = want(u.at(i), v.at(i));
           ASSERT_NEAR(f.Ci(i), w, tolerance * std::max(1.0, std::fabs(w)))
-              << body << " at u " << u.at(i) << " v " << v.at(i) << " of " << f.count << " optimize " << optimize;
+              << body << " at u " << u.at(i) << " v " << v.at(i) << " of " << f.count << " optimize "
+              << optimize;
         }
       }
     }
@@ -37,9 +40,12 @@ TEST_F(MachineTest, Conditionals) {
   expect("if (u > 0.5) r = 1; else r = 2;", [](double u, double) { return u > 0.5 ? 1 : 2; });
   expect("if (u > 0.5) r = 1;", [](double u, double) { return u > 0.5 ? 1 : 0; });
   expect("if (u > 0.3) { if (v > 0.6) r = 1; else r = 2; r += 10; } else { if (v > 0.2) r = 3; }",
-         [](double u, double v) { return u > 0.3f ? (v > 0.6f ? 11 : 12) : v > 0.2f ? 3 : 0; });
+         [](double u, double v) { return u > 0.3f   ? (v > 0.6f ? 11 : 12)
+                                         : v > 0.2f ? 3
+                                                    : 0; });
   expect("if (1 > 2) r = 1; else r = 5;", [](double, double) { return 5; });
-  expect("float k = 3; if (k == 3) { if (u > 0.5) r = 7; } else r = 1;", [](double u, double) { return u > 0.5 ? 7 : 0; });
+  expect("float k = 3; if (k == 3) { if (u > 0.5) r = 7; } else r = 1;",
+         [](double u, double) { return u > 0.5 ? 7 : 0; });
   // The condition's variable changes inside.
   expect("float c = u > 0.5 ? 1 : 0; if (c) { c = 0; r = 1; } else { c = 1; r = 2; }",
          [](double u, double) { return u > 0.5 ? 1 : 2; });
@@ -47,50 +53,65 @@ TEST_F(MachineTest, Conditionals) {
 
 TEST_F(MachineTest, Loops) {
   expect("float i; for (i = 0; i < 5; i += 1) r += i;", [](double, double) { return 10; });
-  expect("float i = 0; while (i < u * 8) { r += 1; i += 1; }", [](double u, double) { return std::ceil(u * 8); });
+  expect("float i = 0; while (i < u * 8) { r += 1; i += 1; }",
+         [](double u, double) { return std::ceil(u * 8); });
   expect("float i; for (i = 0; i < 8; i += 1) { if (i > u * 4) break; r += 1; }",
          [](double u, double) { return std::floor(u * 4) + 1; });
-  expect("float i; for (i = 0; i < 8; i += 1) { if (mod(i, 2) < u) continue; r += i; }", [](double u, double) {
-    double r = 0;
-    for (int i = 0; i < 8; ++i)
-      if (!(i % 2 < u)) r += i;
-    return r;
-  });
-  expect("float i, j; for (i = 0; i < 5; i += 1) { for (j = 0; j < 5; j += 1) { if (j > v * 5) break 2; if (i > u * 5) continue 2;"
-         " r += 1; } r += 100; }",
-         [](double u, double v) {
+  expect("float i; for (i = 0; i < 8; i += 1) { if (mod(i, 2) < u) continue; r += i; }",
+         [](double u, double) {
            double r = 0;
-           for (int i = 0; i < 5; ++i) {
-             bool next = false, out = false;
-             for (int j = 0; j < 5; ++j) {
-               if (float(j) > float(v) * 5.0f) { out = true; break; }
-               if (float(i) > float(u) * 5.0f) { next = true; break; }
-               r += 1;
-             }
-             if (out) break;
-             if (next) continue;
-             r += 100;
-           }
+           for (int i = 0; i < 8; ++i)
+             if (!(i % 2 < u)) r += i;
            return r;
          });
+  expect(
+      "float i, j; for (i = 0; i < 5; i += 1) { for (j = 0; j < 5; j += 1) { if (j > v * 5) break 2; if (i > "
+      "u * 5) continue 2;"
+      " r += 1; } r += 100; }",
+      [](double u, double v) {
+        double r = 0;
+        for (int i = 0; i < 5; ++i) {
+          bool next = false, out = false;
+          for (int j = 0; j < 5; ++j) {
+            if (float(j) > float(v) * 5.0f) {
+              out = true;
+              break;
+            }
+            if (float(i) > float(u) * 5.0f) {
+              next = true;
+              break;
+            }
+            r += 1;
+          }
+          if (out) break;
+          if (next) continue;
+          r += 100;
+        }
+        return r;
+      });
 }
 
 TEST_F(MachineTest, FunctionsWithEarlyReturns) {
-  expect("r = f(u, v) + f(v, u);",
-         [](double u, double v) {
-           const auto g = [](double a, double b) { return a > 0.5 ? (b > 0.5 ? 1 : 2) : b; };
-           return g(u, v) + g(v, u);
-         },
-         1e-5, "float f(float a; float b) { if (a > 0.5) { if (b > 0.5) return 1; return 2; } return b; }\n");
-  expect("r = g(u);", [](double u, double) { return std::floor(float(u) * 10.0f); }, 1e-5,
-         "float g(float a) { float i; for (i = 0; i < 20; i += 1) { if (i + 1 > a * 10) return i; } return -1; }\n");
+  expect(
+      "r = f(u, v) + f(v, u);",
+      [](double u, double v) {
+        const auto g = [](double a, double b) { return a > 0.5 ? (b > 0.5 ? 1 : 2) : b; };
+        return g(u, v) + g(v, u);
+      },
+      1e-5, "float f(float a; float b) { if (a > 0.5) { if (b > 0.5) return 1; return 2; } return b; }\n");
+  expect(
+      "r = g(u);", [](double u, double) { return std::floor(float(u) * 10.0f); }, 1e-5,
+      "float g(float a) { float i; for (i = 0; i < 20; i += 1) { if (i + 1 > a * 10) return i; } return -1; "
+      "}\n");
 }
 
 TEST_F(MachineTest, ArraysAndVaryingIndices) {
-  expect("float a[4] = {1, 2, 4, 8}; r = a[u * 3.99];", [](double u, double) { return std::exp2(std::floor(u * 3.99)); });
+  expect("float a[4] = {1, 2, 4, 8}; r = a[u * 3.99];",
+         [](double u, double) { return std::exp2(std::floor(u * 3.99)); });
   expect("float a[3]; float i; for (i = 0; i < 3; i += 1) a[i] = i * u; r = a[0] + a[1] + a[2];",
          [](double u, double) { return 3 * u; });
-  expect("float a[2] = {0, 0}; a[u > 0.5 ? 1 : 0] = 5; r = a[1];", [](double u, double) { return u > 0.5 ? 5 : 0; });
+  expect("float a[2] = {0, 0}; a[u > 0.5 ? 1 : 0] = 5; r = a[1];",
+         [](double u, double) { return u > 0.5 ? 5 : 0; });
 }
 
 TEST_F(MachineTest, SplinesInterpolate) {
@@ -101,7 +122,8 @@ TEST_F(MachineTest, SplinesInterpolate) {
     return 0.5 * (2 * p[1] + (p[2] - p[0]) * t + (2 * p[0] - 5 * p[1] + 4 * p[2] - p[3]) * t * t +
                   (3 * p[1] - p[0] - 3 * p[2] + p[3]) * t * t * t);
   });
-  expect("r = spline(\"bezier\", u, 1, 1, 4, 4);", [](double u, double) { return 1 + 3 * u * u * (3 - 2 * u); });
+  expect("r = spline(\"bezier\", u, 1, 1, 4, 4);",
+         [](double u, double) { return 1 + 3 * u * u * (3 - 2 * u); });
   expect("r = spline(\"linear\", u, 9, 1, 3, 9);", [](double u, double) { return 1 + 2 * u; });
   expect("r = spline(\"bspline\", u, 2, 2, 2, 2, 2);", [](double, double) { return 2; });
 }
@@ -113,8 +135,10 @@ TEST_F(MachineTest, VectorsAndTransforms) {
   f.host.spaces["scaled"][0][0] = 2;
   expect("r = xcomp(transform(\"shifted\", P));", [](double u, double) { return u - 10; });
   expect("point q = point \"shifted\" (1, 2, 3); r = xcomp(q);", [](double, double) { return 11; });
-  expect("vector q = vtransform(\"shifted\", vector (u, 0, 0)); r = xcomp(q);", [](double u, double) { return u; });
-  expect("normal q = ntransform(\"scaled\", normal (u, 0, 0)); r = xcomp(q);", [](double u, double) { return 2 * u; });
+  expect("vector q = vtransform(\"shifted\", vector (u, 0, 0)); r = xcomp(q);",
+         [](double u, double) { return u; });
+  expect("normal q = ntransform(\"scaled\", normal (u, 0, 0)); r = xcomp(q);",
+         [](double u, double) { return 2 * u; });
   expect("matrix m = translate(1, vector (u, 0, 0)); r = xcomp(transform(m, point (1, 1, 1)));",
          [](double u, double) { return 1 + u; });
   expect("r = depth(P + vector (0, 0, u));", [](double u, double) { return u / 10; });
@@ -151,7 +175,8 @@ TEST_F(MachineTest, DerivativesOnAGrid) {
 TEST_F(MachineTest, ParametersDefaultsAndOverrides) {
   f.shaderToCurrent[3] = DVec4(5, 0, 0, 1);
   const std::string source =
-      "surface t(float a = 2; point p = point \"shader\" (1, 0, 0); float b = sqrt(16); color c = color \"hsv\" (0, 0, .5);"
+      "surface t(float a = 2; point p = point \"shader\" (1, 0, 0); float b = sqrt(16); color c = color "
+      "\"hsv\" (0, 0, .5);"
       "string s = concat(\"x\", \"y\"); float k[3] = {1, 2, 3};)"
       "{ Ci = color(a + b, xcomp(p), k[2] + (s == \"xy\" ? 10 : 0)) + 0 * c; }";
   auto plain = f.shader(source);
@@ -178,8 +203,9 @@ TEST_F(MachineTest, ParametersDefaultsAndOverrides) {
 }
 
 TEST_F(MachineTest, RandomNumbersBelongToPointsNotToBatches) {
-  auto s = f.shader("surface t() { float i, r = 0; for (i = 0; i < 4; i += 1) { if (i <= u * 4) r += random(); }"
-                    " Ci = color(r, random(), random()); }");
+  auto s = f.shader(
+      "surface t() { float i, r = 0; for (i = 0; i < 4; i += 1) { if (i <= u * 4) r += random(); }"
+      " Ci = color(r, random(), random()); }");
   ASSERT_TRUE(s) << f.error;
   f.resize(31, 0);
   f.run(*s);
@@ -201,7 +227,8 @@ const char* kPointLight =
 const char* kPlastic =
     "surface plastic(float Ka = 1, Kd = .5, Ks = .5, roughness = .1; color specularcolor = 1)"
     "{ normal Nf = faceforward(normalize(N), I); Oi = Os;"
-    "  Ci = Os * (Cs * (Ka * ambient() + Kd * diffuse(Nf)) + specularcolor * Ks * specular(Nf, -normalize(I), roughness)); }";
+    "  Ci = Os * (Cs * (Ka * ambient() + Kd * diffuse(Nf)) + specularcolor * Ks * specular(Nf, "
+    "-normalize(I), roughness)); }";
 
 double plastic(const Vec3& P, const Vec3& light, double Kd, double Ks) {
   const Vec3 N(0, 0, -1), toLight = light - P, V = -glm::normalize(P), L = glm::normalize(toLight);
@@ -258,8 +285,10 @@ TEST_F(MachineTest, ShadowRaysMultiplyTheLight) {
 }
 
 TEST_F(MachineTest, CategoriesConesAndMessages) {
-  auto a = f.shader("light a(string __category = \"key, left\"; float mark = 1) { solar (vector (0, 0, 1), 0) Cl = 1; }");
-  auto b = f.shader("light b(float mark = 10) { illuminate (point (0.5, 0.5, 0), vector (0, 0, 1), 0.3) Cl = 2; }");
+  auto a = f.shader(
+      "light a(string __category = \"key, left\"; float mark = 1) { solar (vector (0, 0, 1), 0) Cl = 1; }");
+  auto b = f.shader(
+      "light b(float mark = 10) { illuminate (point (0.5, 0.5, 0), vector (0, 0, 1), 0.3) Cl = 2; }");
   ASSERT_TRUE(a && b) << f.error;
   const auto sum = [&](const std::string& loop) {
     auto s = f.shader("surface t() { color r = 0; float m = 0, marks = 0; " + loop +
@@ -310,19 +339,24 @@ TEST_F(MachineTest, EveryRayOperationSuspendsAndResumesAnywhere) {
   expect(use + "float d = trace(P, D); r = d;", [](double u, double) { return u + 1; });
   expect(use + "r = comp(visibility(P, P + D), 1);", color);
   expect(use + "r = comp(transmission(P, P + D), 1);", color);
-  expect(use + "point Ph = 0; vector Nh = 0; r = rayhittest(P, D, Ph, Nh) + zcomp(Ph) * 10 + zcomp(Nh) * 100;",
-         [](double u, double) { return u + 1 + (1 + u + 1) * 10 - 100; });
-  expect(use + "color c = 0; float d = 0; point p = 0, q = 0; vector n = 0, w = 0;"
-               "r = fulltrace(P, D, c, d, p, n, q, w) + d * 10 + comp(c, 0) * 100 + xcomp(q) * 1000 + zcomp(w) * 10000;",
+  expect(
+      use + "point Ph = 0; vector Nh = 0; r = rayhittest(P, D, Ph, Nh) + zcomp(Ph) * 10 + zcomp(Nh) * 100;",
+      [](double u, double) { return u + 1 + (1 + u + 1) * 10 - 100; });
+  expect(use +
+             "color c = 0; float d = 0; point p = 0, q = 0; vector n = 0, w = 0;"
+             "r = fulltrace(P, D, c, d, p, n, q, w) + d * 10 + comp(c, 0) * 100 + xcomp(q) * 1000 + zcomp(w) "
+             "* 10000;",
          [&](double u, double v) { return 2 + (u + 1) * 10 + color(u, v) * 100 + 7000 + 10000; });
   // In conditionals, loops and user functions; only active points ask.
   expect(use + "if (u > 0.5) r = comp(trace(P, D), 0); else r = -1;",
          [&](double u, double v) { return u > 0.5 ? color(u, v) : -1; });
   expect(use + "float i; for (i = 0; i < 3; i += 1) { if (i > u * 3) break; r += comp(trace(P, D), 0); }",
          [&](double u, double v) { return color(u, v) * std::min(3.0, std::floor(u * 3) + 1); });
-  expect(use + "if (v < 0.7) { r = f(P, D, u); }",
-         [&](double u, double v) { return v < 0.7f ? (u > 0.2f ? color(u, v) : 0.5) : 0; }, 1e-5,
-         "float f(point A; vector B; float x) { if (x > 0.2) { color c = trace(A, B); return comp(c, 0); } return 0.5; }\n");
+  expect(
+      use + "if (v < 0.7) { r = f(P, D, u); }",
+      [&](double u, double v) { return v < 0.7f ? (u > 0.2f ? color(u, v) : 0.5) : 0; }, 1e-5,
+      "float f(point A; vector B; float x) { if (x > 0.2) { color c = trace(A, B); return comp(c, 0); } "
+      "return 0.5; }\n");
   // Nobody active: nobody asks.
   expect(use + "if (u > 2) r = comp(trace(P, D), 0);", [](double, double) { return 0; });
   EXPECT_EQ(f.suspensions, 0);
@@ -330,10 +364,13 @@ TEST_F(MachineTest, EveryRayOperationSuspendsAndResumesAnywhere) {
 
 TEST_F(MachineTest, RaysInLightsSuspendTheSurface) {
   f.oracle = analyticOracle;
-  auto light = f.shader("light t(point from = point (0, 0, -3)) { illuminate (from) { if (xcomp(Ps) > 0.3)"
-                        " Cl = visibility(Ps, from); else Cl = 5; } }");
-  auto s = f.shader("color lit(point Q) { color r = 0; illuminance (Q) { r += Cl; if (u > 0.5) r += trace(P, L); } return r; }\n"
-                    "surface t() { Ci = 1; if (v > 0.1) Ci = lit(P); }");
+  auto light = f.shader(
+      "light t(point from = point (0, 0, -3)) { illuminate (from) { if (xcomp(Ps) > 0.3)"
+      " Cl = visibility(Ps, from); else Cl = 5; } }");
+  auto s = f.shader(
+      "color lit(point Q) { color r = 0; illuminance (Q) { r += Cl; if (u > 0.5) r += trace(P, L); } return "
+      "r; }\n"
+      "surface t() { Ci = 1; if (v > 0.1) Ci = lit(P); }");
   ASSERT_TRUE(light && s) << f.error;
   f.run(*s, {light.get()});
   EXPECT_EQ(f.suspensions, 2);
@@ -354,10 +391,11 @@ TEST_F(MachineTest, OcclusionAndGather) {
       for (auto& c : r.color) c[k] = hit ? 0.5f : 0.0f;
     }
   };
-  auto s = f.shader("surface t() { float hits = 0, misses = 0; color c = 0; float len = 0;"
-                    " gather (\"illuminance\", P, N, PI/2, 64, \"surface:Ci\", c, \"ray:length\", len)"
-                    " { hits += 1; if (u > 0.5) continue; hits += 0; } else { misses += 1; }"
-                    " Ci = color(hits + misses, hits, occlusion(P, N, 64)); }");
+  auto s = f.shader(
+      "surface t() { float hits = 0, misses = 0; color c = 0; float len = 0;"
+      " gather (\"illuminance\", P, N, PI/2, 64, \"surface:Ci\", c, \"ray:length\", len)"
+      " { hits += 1; if (u > 0.5) continue; hits += 0; } else { misses += 1; }"
+      " Ci = color(hits + misses, hits, occlusion(P, N, 64)); }");
   ASSERT_TRUE(s) << f.error;
   f.run(*s);
   for (uint32_t i = 0; i < f.count; ++i) {
@@ -369,13 +407,16 @@ TEST_F(MachineTest, OcclusionAndGather) {
 
 TEST_F(MachineTest, StateAndMessages) {
   f.batch.level = 2;
-  auto displacement = f.shader("displacement d(float height = .75; string how = \"deep\") { P += height * N; }");
-  auto s = f.shader("surface t(output float mark = 0) { float rate = 0, h = 0, fmt[3] = {0, 0, 0}; string name = \"\", how = \"\";"
-                    " attribute(\"ShadingRate\", rate); option(\"Format\", fmt); rendererinfo(\"renderer\", name);"
-                    " float found = displacement(\"height\", h) + displacement(\"how\", how) + displacement(\"absent\", h);"
-                    " mark = found; Ci = color(rate, h + raylevel() * 10, fmt[0]);"
-                    " if (name == \"frankenrender\" && how == \"deep\" && shadername() == \"t\") mark += 10;"
-                    " printf(\"%f %s\\n\", rate, name); }");
+  auto displacement =
+      f.shader("displacement d(float height = .75; string how = \"deep\") { P += height * N; }");
+  auto s = f.shader(
+      "surface t(output float mark = 0) { float rate = 0, h = 0, fmt[3] = {0, 0, 0}; string name = \"\", how "
+      "= \"\";"
+      " attribute(\"ShadingRate\", rate); option(\"Format\", fmt); rendererinfo(\"renderer\", name);"
+      " float found = displacement(\"height\", h) + displacement(\"how\", how) + displacement(\"absent\", h);"
+      " mark = found; Ci = color(rate, h + raylevel() * 10, fmt[0]);"
+      " if (name == \"frankenrender\" && how == \"deep\" && shadername() == \"t\") mark += 10;"
+      " printf(\"%f %s\\n\", rate, name); }");
   ASSERT_TRUE(displacement && s) << f.error;
   Machine::Partners partners;
   partners.displacement = displacement.get();

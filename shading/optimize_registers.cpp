@@ -22,15 +22,19 @@ struct Range {
 
 /// Live ranges of locals and temporaries in the body. What is used in a loop and set before it lives through
 /// the loop. A scalar variable is always set first where it is declared, an array is not: one that is used in
-/// a loop at all may carry its values from turn to turn.
+/// a loop at all may carry its values from turn to turn. What is set in a loop and read after it (the result of a
+/// function that returns from inside) lives from the loop's start: the points that left keep their value while
+/// others go on.
 std::vector<Range> liveRanges(const ShaderProgram& p) {
   std::vector<Range> ranges(p.symbols.size());
   std::vector<std::pair<uint32_t, uint32_t>> loops;  // open loops, outermost first
+  std::vector<std::pair<uint32_t, uint32_t>> all;
   for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i) {
     const Instruction& in = p.code[i];
     if (isLoop(in.op)) {
       const uint32_t end = in.op == Op::gather_begin ? p.code[in.jump].jump : in.jump;
       loops.push_back({i, end});
+      all.push_back({i, end});
     }
     for (uint32_t a : p.operands(in)) {
       const uint32_t s = a & kArgIndex;
@@ -49,6 +53,10 @@ std::vector<Range> liveRanges(const ShaderProgram& p) {
     }
     while (!loops.empty() && loops.back().second == i) loops.pop_back();
   }
+  for (size_t k = all.size(); k-- > 0;)  // inner loops first
+    for (Range& r : ranges)
+      if (r.first != kNoIndex && r.first > all[k].first && r.first <= all[k].second && r.last > all[k].second)
+        r.first = all[k].first;
   return ranges;
 }
 

@@ -36,9 +36,9 @@ void PointColumns::reset(uint32_t points, uint32_t lanes, const ShadeSetup& setu
   mask_.reserve(lanes);
   std::memset(mask_.data(), 0, lanes * sizeof(float));
   auto* mask = reinterpret_cast<int32_t*>(mask_.data());
-  for (uint32_t base = 0; base < lanes; base += padLanes(points))
-    std::fill_n(mask + base, points, -1);
-  nodes_.resize(lanes), cells_.resize(lanes), patchU_.resize(lanes), patchV_.resize(lanes), seeds_.resize(lanes);
+  for (uint32_t base = 0; base < lanes; base += padLanes(points)) std::fill_n(mask + base, points, -1);
+  nodes_.resize(lanes), cells_.resize(lanes), patchU_.resize(lanes), patchV_.resize(lanes),
+      seeds_.resize(lanes);
   batch_ = Batch{};
   batch_.lanes = lanes;
   batch_.points = batch_.asking = points;
@@ -54,8 +54,10 @@ void PointColumns::reset(uint32_t points, uint32_t lanes, const ShadeSetup& setu
   bind(GlobalId::k_u, kU), bind(GlobalId::k_v, kV), bind(GlobalId::k_s, kS), bind(GlobalId::k_t, kT);
   bind(GlobalId::k_du, kDu), bind(GlobalId::k_dv, kDv);
   const cache::CameraRecord& camera = system_.scene.skeleton().camera();
-  const float uniform[] = {3.0f, camera.shutter[0], camera.shutter[1] - camera.shutter[0], system_.prmanSpecular};
-  const GlobalId ids[] = {GlobalId::k_ncomps, GlobalId::k_time, GlobalId::k_dtime, GlobalId::k___prmanspecular};
+  const float uniform[] = {3.0f, camera.shutter[0], camera.shutter[1] - camera.shutter[0],
+                           system_.prmanSpecular};
+  const GlobalId ids[] = {GlobalId::k_ncomps, GlobalId::k_time, GlobalId::k_dtime,
+                          GlobalId::k___prmanspecular};
   uniforms_.reserve(4 * kLanePad);
   for (uint32_t i = 0; i < 4; ++i) {
     std::fill_n(uniforms_.data() + i * kLanePad, kLanePad, uniform[i]);
@@ -68,7 +70,9 @@ void PointColumns::toCurrent(uint32_t c, bool normal) {
   const Operand pair[] = {operand(c), operand(c)};
   call.arg = pair, call.argCount = 2, call.lanes = lanes_;
   call.matrix = &system_.cacheToCurrent[0][0];
-  const Helper h = c == kP ? Helper::transformPoint : normal ? Helper::transformNormal : Helper::transformVector;
+  const Helper h = c == kP  ? Helper::transformPoint
+                   : normal ? Helper::transformNormal
+                            : Helper::transformVector;
   kernels().helper[size_t(h)](call);
 }
 
@@ -88,7 +92,8 @@ void PointColumns::differencesFromStencil(bool normals, float orientation) {
 
 void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   const bool hits = points.topology == ShadePoints::Topology::kHits;
-  const uint32_t n = uint32_t(std::min(hits ? points.count : system_.scene.view(*points.grid).vertexCount(), kMaxShadePoints));
+  const uint32_t n = uint32_t(
+      std::min(hits ? points.count : system_.scene.view(*points.grid).vertexCount(), kMaxShadePoints));
   const uint32_t period = padLanes(n);
   const bool triple = hits && setup.usesDerivatives;
   reset(n, triple ? 3 * period : period, setup);
@@ -96,10 +101,12 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   batch_.shadowRay = points.shadowRay;
   const cache::SceneCache& scene = system_.scene;
   const bool perspective = system_.host.perspective();
-  const uint64_t parameterBits = globalBit(GlobalId::k_u) | globalBit(GlobalId::k_v) | globalBit(GlobalId::k_s) |
-                                 globalBit(GlobalId::k_t) | globalBit(GlobalId::k_du) | globalBit(GlobalId::k_dv) |
+  const uint64_t parameterBits = globalBit(GlobalId::k_u) | globalBit(GlobalId::k_v) |
+                                 globalBit(GlobalId::k_s) | globalBit(GlobalId::k_t) |
+                                 globalBit(GlobalId::k_du) | globalBit(GlobalId::k_dv) |
                                  globalBit(GlobalId::k_dPdu) | globalBit(GlobalId::k_dPdv);
-  const bool needParameters = setup.usesDerivatives || (setup.readsGlobals & parameterBits) || setup.canAskRays;
+  const bool needParameters =
+      setup.usesDerivatives || (setup.readsGlobals & parameterBits) || setup.canAskRays;
   const auto surfaceOut = [&](uint32_t first, bool position, bool normal, bool tangents) {
     cache::SurfaceOut out;
     for (uint32_t c = 0; c < 3; ++c) {
@@ -132,8 +139,8 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
                             surfaceOut(0, false, !view.normals, !displaced && !meshlet));
     toCurrent(kP, false), toCurrent(kN, true);
     if (needParameters)
-      scene.evaluateParameters(grid.node, n, cells_.data(), patchU_.data(), patchV_.data(), column(kU), column(kV),
-                               column(kS), column(kT));
+      scene.evaluateParameters(grid.node, n, cells_.data(), patchU_.data(), patchV_.data(), column(kU),
+                               column(kV), column(kS), column(kT));
     float du = 1, dv = 1, scaleU = 1, scaleV = 1;
     if (meshlet) {
       meshletStencil(stencil_, n, grid.nv, view.indices, lanes_);
@@ -141,8 +148,10 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
       const uint32_t lastInRow = grid.nu, lastRow = uint32_t(grid.nv) * row;
       const float patchDu = (patchU_[lastInRow] - patchU_[0]) / float(std::max<int>(1, grid.nu));
       const float patchDv = (patchV_[lastRow] - patchV_[0]) / float(std::max<int>(1, grid.nv));
-      du = needParameters ? (column(kU)[lastInRow] - column(kU)[0]) / float(std::max<int>(1, grid.nu)) : patchDu;
-      dv = needParameters ? (column(kV)[lastRow] - column(kV)[0]) / float(std::max<int>(1, grid.nv)) : patchDv;
+      du = needParameters ? (column(kU)[lastInRow] - column(kU)[0]) / float(std::max<int>(1, grid.nu))
+                          : patchDu;
+      dv =
+          needParameters ? (column(kV)[lastRow] - column(kV)[0]) / float(std::max<int>(1, grid.nv)) : patchDv;
       if (du == 0 || !std::isfinite(du)) du = patchDu != 0 ? patchDu : 1;
       if (dv == 0 || !std::isfinite(dv)) dv = patchDv != 0 ? patchDv : 1;
       scaleU = patchDu / du, scaleV = patchDv / dv;  // dPdu is per unit of the patch's own u
@@ -179,10 +188,12 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
       seeds_[i] = points.seed ? points.seed[i] : 0;
     }
     eachRun([&](cache::NodeId node, uint32_t first, uint32_t m) {
-      scene.evaluateDiced(node, m, &cells_[first], &patchU_[first], &patchV_[first], surfaceOut(first, true, true, true));
+      scene.evaluateDiced(node, m, &cells_[first], &patchU_[first], &patchV_[first],
+                          surfaceOut(first, true, true, true));
       if (needParameters)
-        scene.evaluateParameters(node, m, &cells_[first], &patchU_[first], &patchV_[first], column(kU) + first,
-                                 column(kV) + first, column(kS) + first, column(kT) + first);
+        scene.evaluateParameters(node, m, &cells_[first], &patchU_[first], &patchV_[first],
+                                 column(kU) + first, column(kV) + first, column(kS) + first,
+                                 column(kT) + first);
     });
     for (uint32_t i = 0; i < n; ++i) {
       const float radius = points.radius ? points.radius[i] : 0.0f;
@@ -214,9 +225,10 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
         eachRun([&](cache::NodeId node, uint32_t first, uint32_t m) {
           const uint32_t at = k * period + first;
           if (!setup.displaced)
-            scene.evaluateSurface(node, m, &cells_[at], &patchU_[at], &patchV_[at], surfaceOut(at, false, true, false));
-          scene.evaluateParameters(node, m, &cells_[at], &patchU_[at], &patchV_[at], column(kU) + at, column(kV) + at,
-                                   column(kS) + at, column(kT) + at);
+            scene.evaluateSurface(node, m, &cells_[at], &patchU_[at], &patchV_[at],
+                                  surfaceOut(at, false, true, false));
+          scene.evaluateParameters(node, m, &cells_[at], &patchU_[at], &patchV_[at], column(kU) + at,
+                                   column(kV) + at, column(kS) + at, column(kT) + at);
         });
     }
     for (uint32_t c : {kP, kN, kNg, kDPdu, kDPdv}) toCurrent(c, c == kN || c == kNg);
@@ -224,7 +236,8 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     for (uint32_t i = 0; i < n; ++i) {
       float du = 1, dv = 1;
       if (triple) {
-        const float patchDu = patchU_[period + i] - patchU_[i], patchDv = patchV_[2 * period + i] - patchV_[i];
+        const float patchDu = patchU_[period + i] - patchU_[i],
+                    patchDv = patchV_[2 * period + i] - patchV_[i];
         du = column(kU)[period + i] - column(kU)[i], dv = column(kV)[2 * period + i] - column(kV)[i];
         if (du == 0 || !std::isfinite(du)) du = patchDu;
         if (dv == 0 || !std::isfinite(dv)) dv = patchDv;
@@ -301,7 +314,8 @@ void PointColumns::objectTable() {
   batch_.objects = objects_;
 }
 
-void PointColumns::primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters, const ShaderInstance& shader) {
+void PointColumns::primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters,
+                            const ShaderInstance& shader) {
   overrides_.clear();
   size_t columns = 0;
   const ShaderProgram& p = shader.program();
@@ -324,14 +338,17 @@ void PointColumns::primvars(const std::vector<ShadeSetup::PrimvarParameter>& par
         if (!r) return;
         const bool triple = r->type == cache::ParamType::kColor || r->type == cache::ParamType::kPoint ||
                             r->type == cache::ParamType::kVector || r->type == cache::ParamType::kNormal;
-        const uint32_t size = (triple ? 3 : r->type == cache::ParamType::kFloat ? 1
-                                        : r->type == cache::ParamType::kMatrix  ? 16
-                                                                                : 0) * std::max(1u, r->arrayLength);
+        const uint32_t size = (triple                                 ? 3
+                               : r->type == cache::ParamType::kFloat  ? 1
+                               : r->type == cache::ParamType::kMatrix ? 16
+                                                                      : 0) *
+                              std::max(1u, r->arrayLength);
         if (size != components) return;
         const uint32_t first2 = offset + first;
         out.resize(components);
         for (uint32_t c = 0; c < components; ++c) out[c] = o.comp(c) + first2;
-        if (!system_.scene.evaluatePrimvar(node, *r, m, &cells_[first2], &patchU_[first2], &patchV_[first2], out.data()))
+        if (!system_.scene.evaluatePrimvar(node, *r, m, &cells_[first2], &patchU_[first2], &patchV_[first2],
+                                           out.data()))
           return;
         if (!triple || r->type == cache::ParamType::kColor) return;
         const DMat4 M = system_.host.transformToCurrent(object.transform);
@@ -364,7 +381,8 @@ void PointColumns::fillForDicing(const ShadeSetup& setup, cache::NodeId node, si
     // The address, not the batch: a shared border vertex gets the same random numbers in both grids.
     uint32_t bitsU, bitsV;
     std::memcpy(&bitsU, &u[i], 4), std::memcpy(&bitsV, &v[i], 4);
-    seeds_[i] = hashStep(hashStep(hashStep(0xd15b1ace, scene.node(node).root), uint64_t(bitsU) << 32 | bitsV), cells_[i]);
+    seeds_[i] = hashStep(hashStep(hashStep(0xd15b1ace, scene.node(node).root), uint64_t(bitsU) << 32 | bitsV),
+                         cells_[i]);
     for (uint32_t c = 0; c < 3; ++c) column(kP + c)[i] = P[c][i], column(kN + c)[i] = N[c][i];
   }
   cache::SurfaceOut out;
@@ -399,11 +417,13 @@ void PointColumns::fillForDicing(const ShadeSetup& setup, cache::NodeId node, si
     tripleStencil(stencil_, period, column(kDu), column(kDv));
   }
   for (uint32_t offset = 0; offset < lanes_; offset += period)
-    scene.evaluateParameters(node, n, &cells_[offset], &patchU_[offset], &patchV_[offset], column(kU) + offset,
-                             column(kV) + offset, column(kS) + offset, column(kT) + offset);
+    scene.evaluateParameters(node, n, &cells_[offset], &patchU_[offset], &patchV_[offset],
+                             column(kU) + offset, column(kV) + offset, column(kS) + offset,
+                             column(kT) + offset);
   for (uint32_t c : {kP, kN, kNg, kDPdu, kDPdv}) toCurrent(c, c == kN || c == kNg);
   const bool perspective = system_.host.perspective();
-  for (uint32_t i = 0; i < lanes_; ++i) set3(operand(kI), i, perspective ? at3(operand(kP), i) : Vec3(0, 0, 1));
+  for (uint32_t i = 0; i < lanes_; ++i)
+    set3(operand(kI), i, perspective ? at3(operand(kP), i) : Vec3(0, 0, 1));
   batch_.stencil = &stencil_;
   batch_.raysAllowed = false;
   finish(setup);

@@ -13,8 +13,9 @@ class PointColumns {
   /// Everything that `setup` can look at, for the points to shade.
   void fill(const ShadePoints& points, const ShadeSetup& setup);
   /// For displacement: points given by the cache, P and N in cache space.
-  void fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell, const float* u,
-                     const float* v, int gridNu, int gridNv, float* const P[3], float* const N[3]);
+  void fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell,
+                     const float* u, const float* v, int gridNu, int gridNv, float* const P[3],
+                     float* const N[3]);
   const Batch& batch() const { return batch_; }
   Batch& batch() { return batch_; }
   uint32_t count() const { return count_; }
@@ -26,8 +27,26 @@ class PointColumns {
 
  private:
   enum Column : uint32_t {
-    kP = 0, kN = 3, kNg = 6, kDPdu = 9, kDPdv = 12, kI = 15, kCs = 18, kOs = 21, kCi = 24, kOi = 27,
-    kU = 30, kV, kS, kT, kDu, kDv, kRadius, kSpread, kScratch, kColumns = kScratch + 4
+    kP = 0,
+    kN = 3,
+    kNg = 6,
+    kDPdu = 9,
+    kDPdv = 12,
+    kI = 15,
+    kCs = 18,
+    kOs = 21,
+    kCi = 24,
+    kOi = 27,
+    kU = 30,
+    kV,
+    kS,
+    kT,
+    kDu,
+    kDv,
+    kRadius,
+    kSpread,
+    kScratch,
+    kColumns = kScratch + 4
   };
   float* column(uint32_t c) { return memory_.data() + size_t(c) * lanes_; }
   Operand operand(uint32_t c) { return {column(c), lanes_, ~0u}; }

@@ -32,7 +32,8 @@ SceneHost::SceneHost(const cache::Skeleton& skeleton) : skeleton_(skeleton) {
     screen[3][2] = -near / (far - near);
   }
   currentToScreen_ = screen;
-  const double left = c.screenWindow[0], right = c.screenWindow[1], bottom = c.screenWindow[2], top = c.screenWindow[3];
+  const double left = c.screenWindow[0], right = c.screenWindow[1], bottom = c.screenWindow[2],
+               top = c.screenWindow[3];
   const double width = right != left ? right - left : 1.0, height = top != bottom ? top - bottom : 1.0;
   DMat4 ndc(1.0);
   ndc[0][0] = 1.0 / width, ndc[3][0] = -left / width;
@@ -68,7 +69,9 @@ ShaderValue SceneHost::value(const cache::ParamRecord& p, const DMat4* toCurrent
     }
   };
   switch (p.type) {
-    case ParamType::kFloat: v.type = SlType::kFloat; break;
+    case ParamType::kFloat:
+      v.type = SlType::kFloat;
+      break;
     case ParamType::kInteger:
       v.type = SlType::kFloat;
       for (int32_t i : skeleton_.integers(p)) v.floats.push_back(float(i));
@@ -77,7 +80,9 @@ ShaderValue SceneHost::value(const cache::ParamRecord& p, const DMat4* toCurrent
       v.type = SlType::kString;
       for (cache::StringId s : skeleton_.strings(p)) v.strings.emplace_back(skeleton_.string(s));
       break;
-    case ParamType::kColor: v.type = SlType::kColor; break;
+    case ParamType::kColor:
+      v.type = SlType::kColor;
+      break;
     case ParamType::kHPoint: {
       std::vector<float> points;
       for (size_t k = 0; k + 3 < v.floats.size(); k += 4)
@@ -123,11 +128,16 @@ float SceneHost::optionFloat(std::string_view name, float fallback) const {
 }
 
 bool SceneHost::spaceToCurrent(std::string_view name, DMat4& m) const {
-  if (name == "camera") m = DMat4(1.0);
-  else if (name == "world") m = worldToCurrent_;
-  else if (name == "screen") m = glm::inverse(currentToScreen_);
-  else if (name == "NDC" || name == "ndc") m = glm::inverse(currentToNdc_);
-  else if (name == "raster") m = glm::inverse(currentToRaster_);
+  if (name == "camera")
+    m = DMat4(1.0);
+  else if (name == "world")
+    m = worldToCurrent_;
+  else if (name == "screen")
+    m = glm::inverse(currentToScreen_);
+  else if (name == "NDC" || name == "ndc")
+    m = glm::inverse(currentToNdc_);
+  else if (name == "raster")
+    m = glm::inverse(currentToRaster_);
   else {
     // The last declaration of a name counts.
     const auto spaces = skeleton_.namedSpaces();
@@ -162,22 +172,33 @@ void setString(ShaderValue& v, std::string_view s) {
   v.type = SlType::kString;
   v.strings = {std::string(s)};
 }
-std::string_view withoutRi(std::string_view name) { return name.substr(0, 3) == "Ri:" ? name.substr(3) : name; }
+std::string_view withoutRi(std::string_view name) {
+  return name.substr(0, 3) == "Ri:" ? name.substr(3) : name;
+}
 }  // namespace
 
 bool SceneHost::attribute(std::string_view fullName, uint32_t attributes, ShaderValue& v) const {
   if (attributes >= skeleton_.attributes().size()) return false;
   const cache::AttributeRecord& a = skeleton_.attributes()[attributes];
   const std::string_view name = withoutRi(fullName);
-  if (name == "ShadingRate") setFloats(v, {a.shadingRate});
-  else if (name == "Sides") setFloats(v, {float(a.sides)});
-  else if (name == "Matte") setFloats(v, {a.flags & cache::kMatte ? 1.0f : 0.0f});
-  else if (name == "Color") setColor(v, a.color);
-  else if (name == "Opacity") setColor(v, a.opacity);
-  else if (name == "ShadingInterpolation") setString(v, a.flags & cache::kSmoothShading ? "smooth" : "constant");
-  else if (name == "displacementbound:sphere") setFloats(v, {a.displacementBound});
-  else if (name == "displacementbound:coordinatesystem") setString(v, "world");
-  else if (name == "identifier:name") setString(v, skeleton_.string(a.name));
+  if (name == "ShadingRate")
+    setFloats(v, {a.shadingRate});
+  else if (name == "Sides")
+    setFloats(v, {float(a.sides)});
+  else if (name == "Matte")
+    setFloats(v, {a.flags & cache::kMatte ? 1.0f : 0.0f});
+  else if (name == "Color")
+    setColor(v, a.color);
+  else if (name == "Opacity")
+    setColor(v, a.opacity);
+  else if (name == "ShadingInterpolation")
+    setString(v, a.flags & cache::kSmoothShading ? "smooth" : "constant");
+  else if (name == "displacementbound:sphere")
+    setFloats(v, {a.displacementBound});
+  else if (name == "displacementbound:coordinatesystem")
+    setString(v, "world");
+  else if (name == "identifier:name")
+    setString(v, skeleton_.string(a.name));
   else if (name == "TextureCoordinates") {
     v.type = SlType::kFloat, v.arrayLength = 8;
     v.floats.assign(a.textureCoordinates, a.textureCoordinates + 8);
@@ -194,22 +215,34 @@ bool SceneHost::option(std::string_view fullName, ShaderValue& v) const {
   const std::string_view name = withoutRi(fullName);
   if (name == "Format" || name == "DeviceResolution")
     setFloats(v, {float(c.resolution[0]), float(c.resolution[1]), c.pixelAspect});
-  else if (name == "FrameAspectRatio") setFloats(v, {c.frameAspect});
-  else if (name == "CropWindow") setFloats(v, {c.cropWindow[0], c.cropWindow[1], c.cropWindow[2], c.cropWindow[3]});
-  else if (name == "DepthOfField") setFloats(v, {c.dof[0], c.dof[1], c.dof[2]});
-  else if (name == "Shutter") setFloats(v, {c.shutter[0], c.shutter[1]});
-  else if (name == "Clipping") setFloats(v, {c.clipping[0], c.clipping[1]});
-  else if (name == "Frame") setFloats(v, {float(skeleton_.options().frameNumber)});
-  else if (const cache::ParamRecord* p = skeleton_.find(skeleton_.options().options, name)) v = value(*p, nullptr);
-  else return false;
+  else if (name == "FrameAspectRatio")
+    setFloats(v, {c.frameAspect});
+  else if (name == "CropWindow")
+    setFloats(v, {c.cropWindow[0], c.cropWindow[1], c.cropWindow[2], c.cropWindow[3]});
+  else if (name == "DepthOfField")
+    setFloats(v, {c.dof[0], c.dof[1], c.dof[2]});
+  else if (name == "Shutter")
+    setFloats(v, {c.shutter[0], c.shutter[1]});
+  else if (name == "Clipping")
+    setFloats(v, {c.clipping[0], c.clipping[1]});
+  else if (name == "Frame")
+    setFloats(v, {float(skeleton_.options().frameNumber)});
+  else if (const cache::ParamRecord* p = skeleton_.find(skeleton_.options().options, name))
+    v = value(*p, nullptr);
+  else
+    return false;
   return true;
 }
 
 bool SceneHost::rendererInfo(std::string_view name, ShaderValue& v) const {
-  if (name == "renderer") setString(v, "frankenrender");
-  else if (name == "version") setFloats(v, {0, 1, 0, 0});
-  else if (name == "versionstring") setString(v, "0.1.0");
-  else return false;
+  if (name == "renderer")
+    setString(v, "frankenrender");
+  else if (name == "version")
+    setFloats(v, {0, 1, 0, 0});
+  else if (name == "versionstring")
+    setString(v, "0.1.0");
+  else
+    return false;
   return true;
 }
 
@@ -221,8 +254,11 @@ void SceneHost::print(std::string_view text) const {
 }
 
 int SceneHost::textureCallUnavailable(std::string_view what) const {
-  reportOnce("shading.texture", Error{RiError::kUnimplemented, Severity::kWarning, {},
-                                      fmt::format("{}: texture files are not available yet; a neutral value is used", what)});
+  reportOnce("shading.texture",
+             Error{RiError::kUnimplemented,
+                   Severity::kWarning,
+                   {},
+                   fmt::format("{}: texture files are not available yet; a neutral value is used", what)});
   return 0;
 }
 

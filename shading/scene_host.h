@@ -1,4 +1,5 @@
-// What a scene cache's skeleton answers to shaders: coordinate systems, attributes, options, parameter values.
+// What a scene cache's skeleton answers to shaders: coordinate systems, attributes, options, parameter
+// values.
 #pragma once
 
 #include "scene_cache/cache.h"

@@ -56,7 +56,8 @@ void ShadeTask::Impl::bump() {
 
 void ShadeTask::begin(const ShadePoints& points) {
   Impl& t = *impl_;
-  const cache::NodeId node = points.topology == ShadePoints::Topology::kHits ? points.node[0] : points.grid->node;
+  const cache::NodeId node =
+      points.topology == ShadePoints::Topology::kHits ? points.node[0] : points.grid->node;
   t.setup = &t.system.setup(t.system.scene.objectOf(node).attributes);
   t.columns.fill(points, *t.setup);
   t.times.assign(t.columns.count(), 0.0f);
@@ -67,7 +68,8 @@ void ShadeTask::begin(const ShadePoints& points) {
   if (t.setup->bumpOnly) t.bump();
   // A shadow ray wants the opacity alone: no light has to run.
   const std::span<const ShaderInstance* const> lights =
-      points.shadowRay ? std::span<const ShaderInstance* const>() : std::span<const ShaderInstance* const>(t.setup->lights);
+      points.shadowRay ? std::span<const ShaderInstance* const>()
+                       : std::span<const ShaderInstance* const>(t.setup->lights);
   t.surface.begin(t.columns.batch(), *t.setup->surface, lights, t.setup->partners());
 }
 
@@ -144,7 +146,8 @@ void ShadeTask::writeRays(RayQuery& q) const {
     const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
     const Vec3 direction = linear * Vec3(r.direction[0][k], r.direction[1][k], r.direction[2][k]);
     const Vec3 normal = r.onSurface[k] ? t.cacheNormal(lane) : Vec3(0);
-    for (int c = 0; c < 3; ++c) q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
+    for (int c = 0; c < 3; ++c)
+      q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
     q.time[k] = t.times[lane];
     q.radius[k] = r.radius[k] * scale;
     q.spread[k] = r.spread[k];
@@ -165,10 +168,11 @@ void ShadeTask::readAnswers(const RayQuery& q) {
   const Mat4& m = t.system.cacheToCurrent;
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
-  const auto vec = [](const float (&a)[3][kMaxRays], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
+  const auto vec = [](const float(&a)[3][kMaxRays], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
   for (uint32_t k = 0; k < r.count; ++k) {
     const Vec3 color = vec(q.color, k);
-    const bool colored = r.kind == RayKind::kTrace || r.kind == RayKind::kVisibility || r.kind == RayKind::kFullTrace;
+    const bool colored =
+        r.kind == RayKind::kTrace || r.kind == RayKind::kVisibility || r.kind == RayKind::kFullTrace;
     const bool distanced = r.kind != RayKind::kVisibility;
     if (colored && !isFinite(color)) continue;
     if (distanced && !(q.hitDistance[k] >= 0.0f)) continue;

@@ -51,8 +51,8 @@ ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
   displacement = makeDisplacer(*this);
 }
 
-std::shared_ptr<const Executable> ShadingSystem::Impl::executable(const std::shared_ptr<const ShaderProgram>& program,
-                                                                 const std::vector<std::string>& varying) {
+std::shared_ptr<const Executable> ShadingSystem::Impl::executable(
+    const std::shared_ptr<const ShaderProgram>& program, const std::vector<std::string>& varying) {
   auto& e = executables[{program.get(), joined(varying)}];
   if (!e) e = std::make_shared<Executable>(program, varying);
   return e;
@@ -85,9 +85,8 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
     return nullptr;
   }
   if ((*found)->type != type) {
-    reportOnce("shader.type." + name,
-               makeError(RiError::kNoShader, "\"{}\" is a {} shader, not a {} shader", name, kindName((*found)->type),
-                         kindName(type)));
+    reportOnce("shader.type." + name, makeError(RiError::kNoShader, "\"{}\" is a {} shader, not a {} shader",
+                                                name, kindName((*found)->type), kindName(type)));
     return nullptr;
   }
   const DMat4 toCurrent = host.transformToCurrent(record.transform);
@@ -104,7 +103,7 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
 }
 
 std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::instance(cache::ShaderId id, ShaderType type,
-                                                                   const std::vector<std::string>& varying) {
+                                                                    const std::vector<std::string>& varying) {
   if (id == kNone || id >= scene.skeleton().shaders().size()) return nullptr;
   const auto key = std::make_pair(id, joined(varying));
   const auto it = instances.find(key);
@@ -124,9 +123,12 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
     for (const cache::ParamRecord& p : s.params(object->primvars)) {
       if (p.type == cache::ParamType::kString || p.type == cache::ParamType::kInteger) continue;
       const std::string name(s.string(p.name));
-      if (name == "Cs") setup->colorPrimvar = true;
-      else if (name == "Os") setup->opacityPrimvar = true;
-      else if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+      if (name == "Cs")
+        setup->colorPrimvar = true;
+      else if (name == "Os")
+        setup->opacityPrimvar = true;
+      else if (std::find(names.begin(), names.end(), name) == names.end())
+        names.push_back(name);
     }
   std::sort(names.begin(), names.end());
   const auto overridden = [&](cache::ShaderId id, ShaderType type, std::shared_ptr<const ShaderInstance>& out,
@@ -136,7 +138,9 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
     std::vector<std::string> used;
     for (const std::string& n : names) {
       const uint32_t k = out->program().findParameter(n);
-      if (k == kNoIndex || out->program().symbols[out->program().parameters[k].symbol].type == SlType::kString) continue;
+      if (k == kNoIndex ||
+          out->program().symbols[out->program().parameters[k].symbol].type == SlType::kString)
+        continue;
       used.push_back(n);
       overrides.push_back({n, k});
     }
@@ -148,7 +152,8 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   setup->atmosphere = instance(a.atmosphere, ShaderType::kVolume, {});
   setup->interior = instance(a.interior, ShaderType::kVolume, {});
   setup->exterior = instance(a.exterior, ShaderType::kVolume, {});
-  if (setup->surface->exe->has(kProgramUsesLights) || (setup->atmosphere && setup->atmosphere->exe->has(kProgramUsesLights)))
+  if (setup->surface->exe->has(kProgramUsesLights) ||
+      (setup->atmosphere && setup->atmosphere->exe->has(kProgramUsesLights)))
     for (cache::ShaderId id : s.lightList(a.lights))
       if (auto light = instance(id, ShaderType::kLight, {})) {
         setup->lights.push_back(light.get());
@@ -210,8 +215,9 @@ ShadingSystem::ShadingSystem(cache::SceneCache& cache, Options options)
 ShadingSystem::~ShadingSystem() = default;
 
 void ShadingSystem::loadShaders(uint32_t side) {
-  const uint32_t visible = side == cache::kForReyes ? cache::kVisibleCamera
-                                                    : cache::kVisibleCamera | cache::kVisibleReflection | cache::kVisibleShadow;
+  const uint32_t visible = side == cache::kForReyes
+                               ? cache::kVisibleCamera
+                               : cache::kVisibleCamera | cache::kVisibleReflection | cache::kVisibleShadow;
   for (const cache::ObjectRecord& object : impl_->scene.skeleton().objects()) {
     if (!(object.sides & side) || object.attributes == kNone) continue;
     const cache::AttributeRecord& a = impl_->scene.skeleton().attributes()[object.attributes];
@@ -279,12 +285,14 @@ bool ShadingSystem::runImager(size_t n, const float* rasterX, const float* raste
       at += size_t(components) * lanes;
       return o;
     };
-    const Operand P = column(GlobalId::k_P, 3), Ci = column(GlobalId::k_Ci, 3), Oi = column(GlobalId::k_Oi, 3);
+    const Operand P = column(GlobalId::k_P, 3), Ci = column(GlobalId::k_Ci, 3),
+                  Oi = column(GlobalId::k_Oi, 3);
     const Operand A = column(GlobalId::k_alpha, 1);
     for (uint32_t i = 0; i < count; ++i) {
       P.comp(0)[i] = rasterX[first + i], P.comp(1)[i] = rasterY[first + i];
       for (uint32_t c = 0; c < 3; ++c)
-        Ci.comp(c)[i] = color[c][first + i], Oi.comp(c)[i] = opacity ? opacity[c][first + i] : alpha[first + i];
+        Ci.comp(c)[i] = color[c][first + i],
+        Oi.comp(c)[i] = opacity ? opacity[c][first + i] : alpha[first + i];
       A.data[i] = alpha[first + i];
     }
     machine.begin(b, *impl_->imager, {}, {});

@@ -1,8 +1,9 @@
 // Running shaders over batches of points, from the two renderers' side.
 //
-// A ShadingSystem belongs to one process and one scene cache: it loads the shaders that live objects use, specialises
-// instances, and knows the coordinate systems. A ShadeTask runs the surface shader (with its lights) of one batch of points;
-// run() returns early whenever the shader asks for rays, and goes on where it stopped once they are answered:
+// A ShadingSystem belongs to one process and one scene cache: it loads the shaders that live objects use,
+// specialises instances, and knows the coordinate systems. A ShadeTask runs the surface shader (with its
+// lights) of one batch of points; run() returns early whenever the shader asks for rays, and goes on where it
+// stopped once they are answered:
 //
 //   task.begin(points);
 //   while (task.run() == ShadeTask::Status::kNeedsRays) {
@@ -28,8 +29,8 @@ namespace fr {
 
 inline constexpr size_t kMaxShadePoints = 1024;
 
-/// Points to shade, all on objects with the same surface shader instance and attribute state; a grid, a meshlet or ray hits.
-/// Arrays belong to the caller and stay valid until the task is done.
+/// Points to shade, all on objects with the same surface shader instance and attribute state; a grid, a
+/// meshlet or ray hits. Arrays belong to the caller and stay valid until the task is done.
 struct ShadePoints {
   enum class Topology { kGrid, kMeshlet, kHits };
   Topology topology = Topology::kGrid;
@@ -41,22 +42,22 @@ struct ShadePoints {
   const uint32_t* cell = nullptr;
   const float* u = nullptr;
   const float* v = nullptr;
-  const float* direction[3] = {};  // of the incoming ray, cache space
-  const float* origin[3] = {};     // of the incoming ray, cache space
-  const float* distance = nullptr; // along the incoming ray (in units of |direction|)
-  const float* radius = nullptr;   // footprint of the incoming ray at the hit
+  const float* direction[3] = {};   // of the incoming ray, cache space
+  const float* origin[3] = {};      // of the incoming ray, cache space
+  const float* distance = nullptr;  // along the incoming ray (in units of |direction|)
+  const float* radius = nullptr;    // footprint of the incoming ray at the hit
   const float* spread = nullptr;
   const float* time = nullptr;
   const uint64_t* seed = nullptr;
-  uint32_t level = 0;              // raylevel(): 0 camera
-  bool shadowRay = false;          // isshadowray(): only the opacity is wanted
-  uint64_t gridSeed = 0;           // seed of a grid's or meshlet's points
+  uint32_t level = 0;      // raylevel(): 0 camera
+  bool shadowRay = false;  // isshadowray(): only the opacity is wanted
+  uint64_t gridSeed = 0;   // seed of a grid's or meshlet's points
 };
 
 class ShadingSystem;
 
-/// One batch in flight. Reusable; not thread-safe itself, but several tasks may be interleaved on one thread and a
-/// suspended task may be resumed by another thread.
+/// One batch in flight. Reusable; not thread-safe itself, but several tasks may be interleaved on one thread
+/// and a suspended task may be resumed by another thread.
 class ShadeTask {
  public:
   enum class Status { kDone, kNeedsRays };
@@ -77,7 +78,8 @@ class ShadeTask {
   /// Results per point, valid when done.
   const float* color(int component) const;
   const float* opacity(int component) const;
-  /// An output variable or predefined variable by name ("N", "s", an output parameter); nullptr if there is none.
+  /// An output variable or predefined variable by name ("N", "s", an output parameter); nullptr if there is
+  /// none.
   const float* output(std::string_view name, int component) const;
 
  private:
@@ -102,20 +104,23 @@ class ShadingSystem {
   ShadingSystem(cache::SceneCache& cache, Options options);
   ~ShadingSystem();
 
-  /// Loads and specialises the shaders of all objects that `side` (cache::kForReyes or kForTracer) can see. A missing or
-  /// broken shader is reported (kNoShader) and replaced by the default surface, or by nothing for lights and displacements.
+  /// Loads and specialises the shaders of all objects that `side` (cache::kForReyes or kForTracer) can see. A
+  /// missing or broken shader is reported (kNoShader) and replaced by the default surface, or by nothing for
+  /// lights and displacements.
   void loadShaders(uint32_t side);
   /// True when a loaded live shader can ask for rays, a light has ray-traced shadows included.
   bool canAskRays() const;
-  /// Opacity is 1 wherever this object is hit, whatever its shader does (attribute state and program analysis).
+  /// Opacity is 1 wherever this object is hit, whatever its shader does (attribute state and program
+  /// analysis).
   bool isOpaque(cache::AttributeId attributes) const;
   /// Same attribute state -> same shade batch; hits are grouped by this key.
   uint32_t shadeGroup(cache::AttributeId attributes) const;
   /// Runs displacement shaders for dicing; pass to SceneCache::setDisplacer.
   cache::Displacer& displacer();
-  /// Imager shader of the frame, if any, on n pixels in place: color[3], alpha; P = raster position. False: no imager.
-  bool runImager(size_t n, const float* rasterX, const float* rasterY, float* const color[3], float* const opacity[3],
-                 float* alpha);
+  /// Imager shader of the frame, if any, on n pixels in place: color[3], alpha; P = raster position. False:
+  /// no imager.
+  bool runImager(size_t n, const float* rasterX, const float* rasterY, float* const color[3],
+                 float* const opacity[3], float* alpha);
   ShadingStatistics statistics() const;
 
   struct Impl;  // shading/system_impl.h

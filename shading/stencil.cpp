@@ -10,7 +10,8 @@ void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes,
   for (uint32_t y = 0; y <= nv; ++y)
     for (uint32_t x = 0; x <= nu; ++x) {
       const uint32_t i = y * row + x;
-      const uint32_t x0 = x > 0 ? x - 1 : x, x1 = x < nu ? x + 1 : x, y0 = y > 0 ? y - 1 : y, y1 = y < nv ? y + 1 : y;
+      const uint32_t x0 = x > 0 ? x - 1 : x, x1 = x < nu ? x + 1 : x, y0 = y > 0 ? y - 1 : y,
+                     y1 = y < nv ? y + 1 : y;
       s.uLo[i] = uint16_t(y * row + x0), s.uHi[i] = uint16_t(y * row + x1);
       s.vLo[i] = uint16_t(y0 * row + x), s.vHi[i] = uint16_t(y1 * row + x);
       s.uScale[i] = x1 > x0 ? inverseU / float(x1 - x0) : 0;
@@ -19,7 +20,8 @@ void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes,
     }
 }
 
-void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices, uint32_t lanes) {
+void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices,
+                    uint32_t lanes) {
   s.resize(lanes);
   for (uint32_t i = 0; i < lanes; ++i) {
     s.uLo[i] = s.uHi[i] = s.vLo[i] = s.vHi[i] = uint16_t(i);
@@ -27,7 +29,8 @@ void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles,
   }
   for (uint32_t t = 0; t < triangles; ++t)
     for (uint32_t k = 0; k < 3; ++k) {
-      const uint32_t i = indices[3 * t + k], a = indices[3 * t + (k + 1) % 3], b = indices[3 * t + (k + 2) % 3];
+      const uint32_t i = indices[3 * t + k], a = indices[3 * t + (k + 1) % 3],
+                     b = indices[3 * t + (k + 2) % 3];
       if (i >= vertices || a >= vertices || b >= vertices || s.uScale[i] != 0) continue;
       s.uHi[i] = uint16_t(a), s.vHi[i] = uint16_t(b);
       s.uScale[i] = s.vScale[i] = 1;
