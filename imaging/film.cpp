@@ -75,10 +75,18 @@ namespace {
 template <size_t kEntry>
 void addSamples(const float* wx, const float* wy, int samples, const float* values, size_t entry,
                 float* sum) {
-  const size_t n = kEntry ? kEntry : entry;
-  for (int i = 0; i < samples; ++i, values += n) {
-    const float w = wx[i] * wy[i];
-    for (size_t c = 0; c < n; ++c) sum[c] += w * values[c];
+  if constexpr (kEntry > 0) {
+    float local[kEntry] = {};  // in registers: `sum` might alias `values` for all the compiler knows
+    for (int i = 0; i < samples; ++i, values += kEntry) {
+      const float w = wx[i] * wy[i];
+      for (size_t c = 0; c < kEntry; ++c) local[c] += w * values[c];
+    }
+    for (size_t c = 0; c < kEntry; ++c) sum[c] = local[c];
+  } else {
+    for (int i = 0; i < samples; ++i, values += entry) {
+      const float w = wx[i] * wy[i];
+      for (size_t c = 0; c < entry; ++c) sum[c] += w * values[c];
+    }
   }
 }
 

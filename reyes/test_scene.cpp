@@ -289,7 +289,8 @@ TestScene::Image TestScene::render(const RenderOptions& asked, RayOracleService*
   RenderOptions options = asked;
   options.writeDisplays = !displayName.empty();
   options.pixels = [&](const FilmTile& t) {
-    image.channels.resize(t.channels.size(), std::vector<float>(size_t(crop.area()), -1.0f));
+    if (image.channels.empty())
+      image.channels.resize(t.channels.size(), std::vector<float>(size_t(crop.area()), -1.0f));
     size_t i = 0;
     for (int y = t.rect.y0; y < t.rect.y1; ++y)
       for (int x = t.rect.x0; x < t.rect.x1; ++x, ++i)
