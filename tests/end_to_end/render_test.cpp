@@ -1,0 +1,341 @@
+// frankenrender from the outside: pictures, both modes, bad input.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <sstream>
+
+#include "tests/end_to_end/program.h"
+
+namespace fr::test {
+namespace {
+
+const std::string kHead =
+    "Display \"out.exr\" \"openexr\" \"rgba\"\n"
+    "Format 96 72 1\nPixelSamples 4 4\nPixelFilter \"box\" 1 1\n"
+    "Projection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\n";
+
+/// Renders `world` (what stands between WorldBegin and WorldEnd) and returns the picture.
+Picture render(const Workspace& w, const std::string& world, const std::vector<std::string>& options = {},
+               Outcome* outcome = nullptr, const std::string& head = kHead) {
+  w.write("scene.rib", head + "WorldBegin\n" + world + "WorldEnd\n");
+  std::vector<std::string> arguments = options;
+  arguments.push_back("scene.rib");
+  const Outcome o = run("frankenrender", arguments, w.path());
+  if (outcome) {
+    *outcome = o;
+  } else {
+    EXPECT_EQ(o.exitCode, 0) << o.err;
+    EXPECT_EQ(o.err, "");
+  }
+  if (!std::filesystem::exists(w.path() / "out.exr")) {
+    ADD_FAILURE() << "no picture was written: " << o.err;
+    return {};
+  }
+  return readExr(w.path() / "out.exr");
+}
+
+double sum(const Picture& p, const std::string& channel) {
+  double s = 0;
+  for (float v : p.channels.at(channel)) s += double(v);
+  return s;
+}
+
+const std::string kMirrorScene =
+    "Attribute \"light\" \"string shadows\" [\"on\"]\n"
+    "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -3]\n"
+    "LightSource \"ambientlight\" 2 \"intensity\" [0.2]\n"
+    "AttributeBegin\nSurface \"raymirror\"\nTranslate -0.8 0 0\nSphere 0.7 -0.7 0.7 360\nAttributeEnd\n"
+    "AttributeBegin\nColor [1 0.3 0.2]\nSurface \"plastic\"\nTranslate 0.9 -0.1 -0.3\nRotate 90 1 0 0\n"
+    "Torus 0.5 0.2 0 360 360\nAttributeEnd\n"
+    "AttributeBegin\nOpacity [0.5 0.5 0.5]\nColor [0.2 0.4 1]\nSurface \"matte\"\nTranslate 0.1 0.6 -1\n"
+    "Sphere 0.3 -0.3 0.3 360\nAttributeEnd\n"
+    "AttributeBegin\nSurface \"matte\"\nPolygon \"P\" [-4 -0.8 -3 -4 -0.8 6 4 -0.8 6 4 -0.8 -3]\nAttributeEnd\n";
+
+const std::string kRayMirror =
+    "surface raymirror(float Kr = 0.8) {\n"
+    "  normal Nf = faceforward(normalize(N), I);\n"
+    "  Oi = Os;\n"
+    "  Ci = Os * Cs * Kr * trace(P, reflect(normalize(I), Nf)) + 0.05;\n"
+    "}\n";
+
+TEST(Render, AnEmptyWorldIsABlackTransparentPicture) {
+  Workspace w;
+  const Picture p = render(w, "");
+  EXPECT_EQ(p.width, 96);
+  EXPECT_EQ(p.height, 72);
+  for (const auto& [name, values] : p.channels)
+    for (float v : values) ASSERT_EQ(v, 0.f) << name;
+}
+
+TEST(Render, SphereCoversTheDiskThatPerspectiveSays) {
+  Workspace w;
+  const Picture p = render(w, "Surface \"constant\"\nColor [1 0.5 0.25]\nSphere 1 -1 1 360\n");
+  // A unit sphere 5 away: silhouette of angular radius asin(1/5); on the image plane at distance 1 the radius
+  // is tan(asin(0.2)); pixels per unit: 36 / tan(20 degrees).
+  const double r = std::tan(std::asin(0.2)) * 36 / std::tan(20 * M_PI / 180);
+  const double area = M_PI * r * r;
+  // The error of 16 stratified samples a pixel along the circumference is far below one pixel row: allow 0.5 %.
+  EXPECT_NEAR(sum(p, "A"), area, 0.005 * area);
+  EXPECT_NEAR(sum(p, "R"), area, 0.005 * area);
+  EXPECT_NEAR(sum(p, "B"), 0.25 * area, 0.005 * area);
+  EXPECT_EQ(p.at("A", 48, 36), 1.f);
+}
+
+TEST(Render, LambertSphereUnderADistantLightIsItsCosine) {
+  Workspace w;
+  // Orthographic view along +z, light along +z: the cosine at (x, y) of a unit sphere is sqrt(1 - x^2 - y^2).
+  const Picture p = render(w,
+                           "LightSource \"distantlight\" 1 \"from\" [0 0 -1] \"to\" [0 0 0]\n"
+                           "Surface \"matte\" \"Ka\" [0] \"Kd\" [1]\nSphere 1 -1 1 360\n",
+                           {}, nullptr,
+                           "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 64 64 1\nPixelSamples 4 4\n"
+                           "PixelFilter \"box\" 1 1\nShadingRate 0.25\nProjection \"orthographic\"\n"
+                           "ScreenWindow -1.25 1.25 -1.25 1.25\nTranslate 0 0 5\n");
+  for (int y = 16; y < 48; ++y) {
+    for (int x = 16; x < 48; ++x) {
+      const double px = (x + 0.5) / 64 * 2.5 - 1.25, py = (y + 0.5) / 64 * 2.5 - 1.25;
+      const double expected = std::sqrt(1 - px * px - py * py);
+      // Flat micropolygons of half a pixel: colour is off by at most half a micropolygon's gradient, 0.02.
+      ASSERT_NEAR(p.at("R", x, y), expected, 0.02) << x << "," << y;
+    }
+  }
+}
+
+TEST(Render, OpacityCompositesFrontToBack) {
+  Workspace w;
+  const std::string square = "Polygon \"P\" [-3 -3 0 -3 3 0 3 3 0 3 -3 0]\n";
+  const Picture p = render(w,
+                           "Surface \"constant\"\n"
+                           "AttributeBegin\nColor [0 1 0]\nTranslate 0 0 1\n" + square + "AttributeEnd\n"
+                           "AttributeBegin\nColor [1 0 0]\nOpacity [0.25 0.25 0.25]\n" + square + "AttributeEnd\n"
+                           "AttributeBegin\nColor [0 0 1]\nOpacity [0.5 0.5 0.5]\nTranslate 0 0 -1\n" + square +
+                           "AttributeEnd\n");
+  const float tolerance = 1e-5f;  // three products of exact fractions
+  EXPECT_NEAR(p.at("B", 48, 36), 0.5f, tolerance);
+  EXPECT_NEAR(p.at("R", 48, 36), 0.5f * 0.25f, tolerance);
+  EXPECT_NEAR(p.at("G", 48, 36), 0.5f * 0.75f, tolerance);
+  EXPECT_NEAR(p.at("A", 48, 36), 1.f, tolerance);
+}
+
+TEST(Render, ClosedObjectsHaveNoHoles) {
+  const char* const objects[] = {
+      "Sphere 1.2 -1.2 1.2 360\n",
+      "Rotate 50 1 1 0\nTorus 0.9 0.4 0 360 360\n",
+      "Rotate 70 1 0.3 0\nTranslate 0 0 -1\nParaboloid 1.2 0 2 360\n",
+      "Translate 0 -1 0\nRotate -90 1 0 0\nScale 0.6 0.6 0.6\nReadArchive \"teapot.rib\"\n",
+  };
+  for (const char* object : objects) {
+    Workspace w;
+    std::filesystem::copy_file(FR_SOURCE_DIR "/examples/models/teapot.rib", w.path() / "teapot.rib");
+    const Picture p = render(w, std::string("Surface \"constant\"\n") + object, {}, nullptr,
+                             "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 160 120 1\nPixelSamples 4 4\n"
+                             "PixelFilter \"box\" 1 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\n");
+    // A pixel whose eight neighbours are all covered may not show the background (silhouettes of these shapes are wider).
+    for (int y = 1; y + 1 < p.height; ++y) {
+      for (int x = 1; x + 1 < p.width; ++x) {
+        float around = 1;
+        for (int j = -1; j <= 1; ++j)
+          for (int i = -1; i <= 1; ++i)
+            if (i != 0 || j != 0) around = std::min(around, p.at("A", x + i, y + j));
+        if (around == 1.f) {
+          ASSERT_EQ(p.at("A", x, y), 1.f) << object << " at " << x << "," << y;
+        }
+      }
+    }
+  }
+}
+
+TEST(Render, BothModesAndAnyThreadsGiveTheSameBits) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  const Picture shm = render(w, kMirrorScene, {"--shm"});
+  const Picture inproc = render(w, kMirrorScene, {"--inproc"});
+  EXPECT_EQ(worst(shm, inproc), 0.0);
+  EXPECT_EQ(worst(shm, render(w, kMirrorScene, {"--inproc", "--threads", "1"})), 0.0);
+  EXPECT_EQ(worst(shm, render(w, kMirrorScene, {"--shm", "--threads", "3"})), 0.0);
+  EXPECT_GT(sum(shm, "R"), 100.0);
+}
+
+TEST(Render, APrebuiltCacheChangesNothing) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  const Picture direct = render(w, kMirrorScene);
+  Outcome built = run("scenecache", {"build", "scene.rib", "-o", "scene.fsc"}, w.path());
+  ASSERT_EQ(built.exitCode, 0) << built.err;
+  EXPECT_EQ(run("scenecache", {"info", "scene.fsc"}, w.path()).exitCode, 0);
+  std::filesystem::remove(w.path() / "out.exr");
+  const Outcome o = run("frankenrender", {"scene.fsc"}, w.path());
+  ASSERT_EQ(o.exitCode, 0) << o.err;
+  EXPECT_EQ(worst(direct, readExr(w.path() / "out.exr")), 0.0);
+}
+
+TEST(Render, DisplacementMovesTheSilhouetteForBothRenderers) {
+  Workspace w;
+  w.write("swell.sl", "displacement swell(float by = 0.25) { P += by * normalize(N); N = calculatenormal(P); }\n");
+  const std::string displaced =
+      "Attribute \"displacementbound\" \"float sphere\" [0.25] \"string coordinatesystem\" [\"shader\"]\n"
+      "Surface \"constant\"\nDisplacement \"swell\" \"by\" [0.25]\nSphere 0.75 -0.75 0.75 360\n";
+  const double moved = sum(render(w, displaced), "A");
+  const double plain = sum(render(w, "Surface \"constant\"\nSphere 1 -1 1 360\n"), "A");
+  EXPECT_NEAR(moved, plain, 0.01 * plain);  // the same sphere, tessellated for radius 0.75
+}
+
+TEST(Render, DisplacementBoundTooSmallNamesTheNeededValue) {
+  Workspace w;
+  w.write("swell.sl", "displacement swell(float by = 0.25) { P += by * normalize(N); }\n");
+  Outcome o;
+  render(w, "Surface \"constant\"\nAttribute \"displacementbound\" \"float sphere\" [0.1]\n"
+            "Displacement \"swell\" \"by\" [0.25]\nSphere 0.75 -0.75 0.75 360\n", {}, &o);
+  EXPECT_NE(o.err.find("displacement"), std::string::npos) << o.err;
+  EXPECT_NE(o.err.find("0.25"), std::string::npos) << o.err;
+}
+
+TEST(Render, RaysSeeWhatIsBehindTheCamera) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  // A mirror that faces the camera; behind the camera stands a red wall.
+  const Picture p = render(w,
+                           "AttributeBegin\nSurface \"raymirror\" \"Kr\" [1]\n"
+                           "Polygon \"P\" [-1 -1 0 -1 1 0 1 1 0 1 -1 0]\nAttributeEnd\n"
+                           "AttributeBegin\nSurface \"constant\"\nColor [1 0 0]\n"
+                           "Polygon \"P\" [-50 -50 -9 -50 50 -9 50 50 -9 50 -50 -9]\nAttributeEnd\n");
+  EXPECT_NEAR(p.at("R", 48, 36), 1.05f, 1e-4f);
+  EXPECT_NEAR(p.at("G", 48, 36), 0.05f, 1e-4f);
+}
+
+TEST(Render, FilesForOneSideAreSeenByThatSideOnly) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  w.write("head.rib", kHead + "WorldBegin\n");
+  w.write("mirror.rib", "AttributeBegin\nSurface \"raymirror\" \"Kr\" [1]\nPolygon \"P\" [-1 -1 0 -1 1 0 1 1 0 1 -1 0]\n"
+                        "AttributeEnd\n");
+  w.write("wall.rib", "AttributeBegin\nSurface \"constant\"\nColor [1 0 0]\n"
+                      "Polygon \"P\" [-50 -50 -9 -50 50 -9 50 50 -9 50 -50 -9]\nAttributeEnd\n");
+  w.write("tail.rib", "WorldEnd\n");
+  const auto withWall = [&](const char* side) {
+    std::vector<std::string> a{"head.rib", "mirror.rib"};
+    a.insert(a.end(), {side, "wall.rib"});
+    a.insert(a.end(), {"-common", "tail.rib"});
+    const Outcome o = run("frankenrender", a, w.path());
+    EXPECT_EQ(o.exitCode, 0) << o.err;
+    return readExr(w.path() / "out.exr").at("R", 48, 36);
+  };
+  EXPECT_NEAR(withWall("-bmrt"), 1.05f, 1e-4f);
+  EXPECT_NEAR(withWall("-prman"), 0.05f, 1e-4f);
+}
+
+TEST(Render, CropTilesAbut) {
+  Workspace w;
+  const std::string world = "Surface \"constant\"\nSphere 1 -1 1 360\n";
+  const Picture whole = render(w, world);
+  const Picture left = render(w, world, {"--crop", "0", "0.4", "0", "1"});
+  const Picture right = render(w, world, {"--crop", "0.4", "1", "0", "1"});
+  ASSERT_EQ(left.width + right.width, whole.width);
+  for (int y = 0; y < whole.height; ++y)
+    for (int x = 0; x < whole.width; ++x)
+      ASSERT_EQ(whole.at("A", x, y), x < left.width ? left.at("A", x, y) : right.at("A", x - left.width, y));
+}
+
+TEST(Render, CommandLineOverridesResolutionAndOutput) {
+  Workspace w;
+  w.write("scene.rib", kHead + "WorldBegin\nSurface \"constant\"\nSphere 1 -1 1 360\nWorldEnd\n");
+  const Outcome o = run("frankenrender", {"--res", "40", "30", "--samples", "2", "2", "-o", "other.exr", "scene.rib"}, w.path());
+  ASSERT_EQ(o.exitCode, 0) << o.err;
+  EXPECT_EQ(readExr(w.path() / "other.exr").width, 40);
+  EXPECT_FALSE(std::filesystem::exists(w.path() / "out.exr"));
+}
+
+TEST(Render, NoRaysNoOracle) {
+  Workspace w;
+  Outcome o;
+  render(w, "Surface \"constant\"\nSphere 1 -1 1 360\n", {"--stats"}, &o);
+  EXPECT_EQ(o.exitCode, 0);
+  EXPECT_NE((o.out + o.err).find("no ray tracer was started"), std::string::npos) << o.out << o.err;
+}
+
+// ---- bad input ----
+
+TEST(BadInput, MissingShaderIsOneMessageAndTheDefaultSurface) {
+  Workspace w;
+  Outcome o;
+  const Picture p = render(w, "Surface \"nosuchshader\"\nSphere 1 -1 1 360\nSphere 0.5 -0.5 0.5 360\n", {}, &o);
+  EXPECT_GT(p.at("R", 48, 36), 0.3f);
+  EXPECT_NE(o.err.find("nosuchshader"), std::string::npos);
+  EXPECT_EQ(o.err.find("nosuchshader"), o.err.rfind("nosuchshader")) << o.err;
+  EXPECT_NE(o.err.find("RIE_NOSHADER"), std::string::npos) << o.err;
+}
+
+TEST(BadInput, MissingArchiveIsReportedWithItsPlaceAndTheRestIsRendered) {
+  Workspace w;
+  Outcome o;
+  const Picture p = render(w, "Surface \"constant\"\nReadArchive \"nosuch.rib\"\nSphere 1 -1 1 360\n", {}, &o);
+  EXPECT_EQ(p.at("R", 48, 36), 1.f);
+  EXPECT_NE(o.err.find("nosuch.rib"), std::string::npos);
+  EXPECT_NE(o.err.find("scene.rib:9"), std::string::npos) << o.err;
+}
+
+TEST(BadInput, MissingSceneIsOneMessageAndExitOne) {
+  Workspace w;
+  const Outcome o = run("frankenrender", {"nosuch.rib"}, w.path());
+  EXPECT_EQ(o.exitCode, 1);
+  EXPECT_NE(o.err.find("nosuch.rib"), std::string::npos);
+}
+
+TEST(BadInput, UnknownOptionIsAUsageError) {
+  Workspace w;
+  EXPECT_EQ(run("frankenrender", {"--nosuchoption"}, w.path()).exitCode, 2);
+  EXPECT_EQ(run("frankenrender", {"--help"}, w.path()).exitCode, 0);
+}
+
+TEST(BadInput, ATruncatedSceneNeverCrashesOrHangs) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  const std::string text = kHead + "WorldBegin\n" + kMirrorScene + "WorldEnd\n";
+  for (size_t n = 0; n < text.size(); n += 97) {
+    w.write("cut.rib", text.substr(0, n));
+    const Outcome o = run("frankenrender", {"--res", "16", "12", "cut.rib"}, w.path());
+    ASSERT_EQ(o.signal, 0) << "cut at " << n << ": " << o.err;
+    if (n > kHead.size() + 20) {
+      ASSERT_NE(o.err, "") << "cut at " << n;
+    }
+  }
+}
+
+TEST(BadInput, NonFiniteGeometryIsDroppedWithAMessage) {
+  Workspace w;
+  Outcome o;
+  const Picture p = render(w, "Surface \"constant\"\nPolygon \"P\" [0 0 1e999 1 0 0 1 1 0]\nSphere 1 -1 1 360\n", {}, &o);
+  EXPECT_EQ(p.at("R", 48, 36), 1.f);
+  EXPECT_NE(o.err, "");
+}
+
+TEST(BadInput, ADamagedCacheIsRefused) {
+  Workspace w;
+  render(w, "Surface \"constant\"\nSphere 1 -1 1 360\n");
+  ASSERT_EQ(run("scenecache", {"build", "scene.rib", "-o", "good.fsc"}, w.path()).exitCode, 0);
+  std::ifstream in(w.path() / "good.fsc", std::ios::binary);
+  std::stringstream bytes;
+  bytes << in.rdbuf();
+  const std::string good = bytes.str();
+  ASSERT_GT(good.size(), 1000u);
+  for (const double cut : {0.0, 0.01, 0.5, 0.999}) {
+    w.write("cut.fsc", good.substr(0, size_t(double(good.size()) * cut)));
+    const Outcome o = run("frankenrender", {"cut.fsc"}, w.path());
+    EXPECT_EQ(o.exitCode, 1) << cut << ": " << o.err;
+    EXPECT_NE(o.err.find("cut.fsc"), std::string::npos) << o.err;
+  }
+  for (int i = 0; i < 24; ++i) {
+    std::string bad = good;
+    const size_t at = size_t(double(good.size() - 1) * i / 23.0);
+    bad[at] = char(bad[at] ^ 0x10);
+    w.write("flip.fsc", bad);
+    const Outcome o = run("frankenrender", {"flip.fsc"}, w.path());
+    EXPECT_EQ(o.signal, 0) << "byte " << at;
+    EXPECT_EQ(o.exitCode, 1) << "byte " << at << ": " << o.err;
+    EXPECT_NE(o.err.find("flip.fsc"), std::string::npos) << o.err;
+  }
+}
+
+}  // namespace
+}  // namespace fr::test

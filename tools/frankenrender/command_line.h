@@ -1,0 +1,31 @@
+// What the user of frankenrender typed.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scene_cache/scene_loader.h"
+
+namespace fr::tools {
+
+struct CommandLine {
+  std::vector<cache::RibInput> inputs;  // in order; one .fsc stands alone
+  cache::LoadOptions load;
+  bool inproc = false;
+  int threads = 0;  // 0: all cores
+  bool progress = false;
+  bool stats = false;
+  bool quiet = false;
+  std::string shaderPath;  // colon-separated, searched first
+};
+
+struct ParsedCommandLine {
+  std::optional<CommandLine> run;  // empty: exit with `exitCode`
+  int exitCode = 0;
+};
+
+/// Prints help, version or a usage error itself.
+ParsedCommandLine parseCommandLine(int argc, char** argv);
+
+}  // namespace fr::tools

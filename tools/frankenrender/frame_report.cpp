@@ -1,0 +1,101 @@
+#include "tools/frankenrender/frame_report.h"
+
+#include <fmt/format.h>
+
+#include <iterator>
+
+namespace fr::tools {
+namespace {
+
+std::string mebibytes(uint64_t bytes) { return fmt::format("{:.1f} MiB", double(bytes) / 1048576.0); }
+
+class Lines {
+ public:
+  template <class... Args>
+  void line(std::string_view name, fmt::format_string<Args...> f, Args&&... args) {
+    fmt::format_to(std::back_inserter(text_), "  {:<22} {}\n", name, fmt::format(f, std::forward<Args>(args)...));
+  }
+  void title(std::string_view t) { fmt::format_to(std::back_inserter(text_), "{}\n", t); }
+  std::string take() { return std::move(text_); }
+
+ private:
+  std::string text_;
+};
+
+}  // namespace
+
+void FrameReport::takeMemory() {
+  if (auto m = shm::processMemory(0); m.ok()) rendererMemory = *m;
+  if (tracerProcess != 0)
+    if (auto m = shm::processMemory(tracerProcess); m.ok()) tracerMemory = *m;
+}
+
+std::string FrameReport::text(int frameNumber) const {
+  Lines out;
+  out.title(fmt::format("frame {}", frameNumber));
+  out.title(" time (seconds; sums over threads but for the first two)");
+  if (load) out.line("read scene", "{:.3f}", load->seconds);
+  out.line("render, wall clock", "{:.3f}", frame.wallSeconds);
+  out.line("dice", "{:.3f}", frame.resolveSeconds);
+  out.line("hide", "{:.3f}", frame.hideSeconds);
+  out.line("shade", "{:.3f}", frame.shadeSeconds);
+  out.line("wait for ray tracer", "{:.3f}", frame.oracleWaitSeconds);
+  out.line("composite", "{:.3f}", frame.compositeSeconds);
+  out.line("filter and write", "{:.3f}", frame.filterAndWriteSeconds);
+  out.line("compile shaders", "{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds, shading.shadersLoaded,
+           shading.shadersCompiled);
+  out.title(" geometry");
+  if (load)
+    out.line("primitives", "{}{}", load->primitives,
+             load->dropped ? fmt::format("  ({} could not be used)", load->dropped) : std::string());
+  out.line("root patches", "{}  ({} outside the frame)", frame.rootPatches, frame.rootPatchesCulled);
+  out.line("patches culled", "{} outside, {} hidden", frame.nodesCulledOutside, frame.nodesCulledHidden);
+  out.line("grids diced", "{}  ({} micropolygons, {} splits)", cache.gridsDiced, cache.micropolygonsDiced,
+           cache.nodesSplit);
+  out.line("grids drawn", "{}  ({} hidden)", frame.gridsDrawn, frame.gridsCulledHidden);
+  out.line("grids shaded", "{}  ({} points; at most {} held)", frame.gridsShaded, frame.pointsShaded,
+           frame.gridsShadedPeak);
+  out.line("samples", "{}  ({} micropolygons tested, {} transparent fragments)", frame.samples,
+           frame.micropolygonsTested, frame.fragments);
+  if (shading.lanesTotal > 0)
+    out.line("shader lanes active", "{:.1f} %", 100.0 * double(shading.lanesActive) / double(shading.lanesTotal));
+
+  out.title(" rays");
+  if (!oracleAsked) {
+    out.line("none", "no live shader can ask for rays: no ray tracer was started");
+  } else if (!tracer || tracer->batches == 0) {
+    out.line("none", "no shader asked: no ray tracer was started");
+  } else {
+    static constexpr const char* kKinds[] = {"trace", "visibility", "rayhittest", "fulltrace"};
+    for (int k = 0; k < 4; ++k)
+      if (tracer->rays[k] || tracer->nestedRays[k])
+        out.line(kKinds[k], "{} from REYES, {} from shaders at hits", tracer->rays[k], tracer->nestedRays[k]);
+    out.line("batches", "{}  ({:.0f} rays each)", frame.rayBatches,
+             frame.rayBatches ? double(frame.raysAsked) / double(frame.rayBatches) : 0.0);
+    out.line("hits shaded", "{}", tracer->hitsShaded);
+    out.line("ray scene", "{} grids, {} meshlets, {} quads, {} triangles", tracer->grids, tracer->meshlets,
+             tracer->quads, tracer->triangles);
+    out.line("build", "{:.3f} s dicing, {:.3f} s BVH", tracer->resolveSeconds, tracer->buildSeconds);
+    out.line("answering", "{:.3f} thread seconds", tracer->answerSeconds);
+  }
+
+  out.title(" memory");
+  out.line("scene cache (shared)", "{} skeleton, {} nodes, {} grids", mebibytes(cache.skeletonBytes),
+           mebibytes(cache.nodeBytes), mebibytes(cache.arenaBytes));
+  if (tracer && tracer->batches > 0)
+    out.line("BVH", "{}  (peak {}), {} records", mebibytes(tracer->embreeBytes), mebibytes(tracer->embreePeakBytes),
+             mebibytes(tracer->recordBytes));
+  uint64_t total = 0;
+  const auto process = [&](const char* name, const std::optional<shm::ProcessMemory>& m) {
+    if (!m) return;
+    total += m->pss;
+    out.line(name, "PSS {}, private {}, shared {}", mebibytes(m->pss), mebibytes(m->privateBytes),
+             mebibytes(m->sharedBytes));
+  };
+  process("REYES process", rendererMemory);
+  process("ray tracer process", tracerMemory);
+  out.line("both (PSS)", "{}", mebibytes(total));
+  return out.take();
+}
+
+}  // namespace fr::tools

@@ -1,0 +1,161 @@
+#include "tools/frankenrender/job.h"
+
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "base/log.h"
+#include "reyes/renderer.h"
+#include "scene_cache/cache.h"
+#include "shading/shader_library.h"
+#include "shading/shading_system.h"
+#include "tools/frankenrender/frame_report.h"
+#include "tools/frankenrender/progress_bar.h"
+#include "tracer/inproc_oracle.h"
+#include "tracer/shm_oracle.h"
+
+namespace fr::tools {
+namespace {
+
+std::vector<std::string> splitPath(std::string_view list) {
+  std::vector<std::string> folders;
+  for (size_t begin = 0; begin <= list.size();) {
+    const size_t end = std::min(list.find(':', begin), list.size());
+    if (end > begin) folders.emplace_back(list.substr(begin, end - begin));
+    begin = end + 1;
+  }
+  return folders;
+}
+
+void append(std::vector<std::string>& to, const std::vector<std::string>& more) {
+  for (const std::string& m : more)
+    if (std::find(to.begin(), to.end(), m) == to.end()) to.push_back(m);
+}
+
+/// The command line, the scene's own search path (which starts from SHADERS), then the folders of the scene files.
+std::vector<std::string> shaderFolders(const CommandLine& c, const cache::Skeleton& skeleton) {
+  std::vector<std::string> folders = splitPath(c.shaderPath);
+  if (!skeleton.searchPaths().empty()) append(folders, splitPath(skeleton.string(skeleton.searchPaths()[0])));
+  append(folders, shaderPathFromEnvironment());
+  for (const cache::RibInput& input : c.inputs) {
+    const std::filesystem::path folder = std::filesystem::path(input.path).parent_path();
+    append(folders, {folder.empty() ? std::string(".") : folder.string()});
+  }
+  return folders;
+}
+
+Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameReport& report) {
+  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  ShadingSystem::Options shadingOptions;
+  shadingOptions.shaderPath = shaderFolders(c, cache.skeleton());
+  shadingOptions.standardShaders = standardShaderFolder();
+
+  ShadingSystem shading(cache, shadingOptions);
+  shading.loadShaders(cache::kForReyes);
+  cache.setDisplacer(&shading.displacer());
+
+  // The oracle exists only if a live shader can ask; even then its process starts with the first question.
+  std::unique_ptr<ShadingSystem> hitShading;
+  std::unique_ptr<tracer::InprocOracleService> inproc;
+  std::unique_ptr<tracer::ShmOracleService> shm;
+  RayOracleService* oracle = nullptr;
+  if (shading.canAskRays()) {
+    if (c.inproc) {
+      ShadingSystem::Options hitOptions = shadingOptions;
+      hitOptions.tracerSide = true;
+      hitShading = std::make_unique<ShadingSystem>(cache, hitOptions);
+      hitShading->loadShaders(cache::kForTracer);
+      tracer::RayTracerOptions options;
+      options.scene.threads = threads;
+      inproc = std::make_unique<tracer::InprocOracleService>(cache, *hitShading, options);
+      oracle = inproc.get();
+    } else {
+      tracer::ShmOracleService::Options options;
+      options.threads = threads;
+      options.shaderPath = shadingOptions.shaderPath;
+      options.standardShaders = shadingOptions.standardShaders;
+      shm = std::make_unique<tracer::ShmOracleService>(cache, options);
+      oracle = shm.get();
+    }
+  }
+
+  RenderOptions options;
+  options.threads = threads;
+  ProgressBar bar(c.progress, fmt::format("frame {}", cache.skeleton().options().frameNumber));
+  options.progress = [&](double fraction) { bar.update(fraction); };
+  Result<FrameStatistics> rendered = renderFrame(cache, shading, oracle, options);
+  if (c.stats) {
+    report.shading = shading.statistics();
+    report.cache = cache.statistics();
+    if (rendered.ok()) report.frame = *rendered;
+    if (inproc) report.tracer = inproc->statistics();
+    if (shm) {
+      report.tracer = shm->statistics();
+      report.tracerProcess = shm->processId();
+    }
+    report.oracleAsked = oracle != nullptr;
+    report.takeMemory();
+  }
+  cache.setDisplacer(nullptr);
+  if (!rendered.ok()) return std::move(rendered).error();
+  if (rendered->oracleFailed) return makeError(RiError::kSystem, "the frame was finished without its ray tracer");
+  return {};
+}
+
+bool isCacheFile(const std::string& path) { return std::filesystem::path(path).extension() == ".fsc"; }
+
+}  // namespace
+
+int runJob(const CommandLine& c) {
+  setLogLevel(c.quiet ? Severity::kError : Severity::kInfo);
+  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
+
+  int frames = 0;
+  bool failed = false;
+  // Loading goes on after a frame that failed: one bad frame does not lose the others.
+  const auto renderOne = [&](Result<std::unique_ptr<cache::SceneCache>> opened, const cache::FrameCounts* counts) {
+    FrameReport report;
+    if (counts) report.load = *counts;
+    ++frames;
+    if (!opened.ok()) {
+      fr::report(opened.error());
+      failed = true;
+      return;
+    }
+    if (Result<void> r = renderScene(c, **opened, report); !r.ok()) {
+      fr::report(r.error());
+      failed = true;
+    }
+    if (c.stats) std::fputs(report.text((*opened)->skeleton().options().frameNumber).c_str(), stdout);
+  };
+
+  if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path)) {
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path), nullptr);
+  } else {
+    for (const cache::RibInput& input : c.inputs) {
+      if (!isCacheFile(input.path)) continue;
+      report(makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path));
+      return 2;
+    }
+    const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
+      renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
+      return !abortRequested();
+    });
+    if (!loaded.ok()) {
+      report(loaded.error());
+      failed = true;
+    } else if (frames == 0) {
+      reportWarning(RiError::kNone, "no world was found in the scene: nothing was rendered");
+      failed = true;
+    }
+  }
+  return failed || reportCount(Severity::kError) > 0 ? 1 : 0;
+}
+
+}  // namespace fr::tools

@@ -1,0 +1,26 @@
+// A progress bar on a terminal line.
+#pragma once
+
+#include <chrono>
+#include <mutex>
+#include <string>
+
+namespace fr::tools {
+
+/// Thread-safe. Draws at most ten times a second on stderr; the destructor clears the line.
+class ProgressBar {
+ public:
+  ProgressBar(bool enabled, std::string title);
+  ~ProgressBar();
+  /// fraction in [0,1].
+  void update(double fraction);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool enabled_, drawn_ = false;
+  std::string title_;
+  std::mutex mutex_;
+  Clock::time_point start_ = Clock::now(), last_{};
+};
+
+}  // namespace fr::tools
