@@ -41,6 +41,7 @@ function(fr_program name)
   add_executable(${name} ${A_SOURCES})
   set_target_properties(${name} PROPERTIES CXX_EXTENSIONS OFF
                         RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  target_compile_definitions(${name} PRIVATE FR_VERSION="${PROJECT_VERSION}")
   target_link_libraries(${name} PRIVATE fr_options fr_warnings ${A_DEPS})
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 endfunction()
