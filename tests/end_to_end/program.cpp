@@ -2,6 +2,7 @@
 
 #include <ImfChannelList.h>
 #include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
 #include <ImfInputFile.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
