@@ -272,7 +272,7 @@ TEST(BadInput, MissingArchiveIsReportedWithItsPlaceAndTheRestIsRendered) {
   const Picture p = render(w, "Surface \"constant\"\nReadArchive \"nosuch.rib\"\nSphere 1 -1 1 360\n", {}, &o);
   EXPECT_EQ(p.at("R", 48, 36), 1.f);
   EXPECT_NE(o.err.find("nosuch.rib"), std::string::npos);
-  EXPECT_NE(o.err.find("scene.rib:8"), std::string::npos) << o.err;
+  EXPECT_NE(o.err.find("scene.rib:10"), std::string::npos) << o.err;
 }
 
 TEST(BadInput, MissingSceneIsOneMessageAndExitOne) {
