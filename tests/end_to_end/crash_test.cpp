@@ -17,12 +17,15 @@ const std::string kBusy =
     "surface busy() {\n"
     "  color c = 0;\n"
     "  float i;\n"
-    "  for (i = 0; i < 200; i += 1) c += visibility(P, P + vector(noise(i) - 0.5, 1 + i, noise(i + 7) - 0.5));\n"
+    "  for (i = 0; i < 200; i += 1) c += visibility(P, P + vector(noise(i) - 0.5, 1 + i, noise(i + 7) - "
+    "0.5));\n"
     "  Ci = c / 200; Oi = 1;\n"
     "}\n";
 const std::string kScene =
-    "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 400 300 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\n"
-    "WorldBegin\nSurface \"busy\"\nSphere 1 -1 1 360\nPolygon \"P\" [-9 -1 -9 -9 -1 9 9 -1 9 9 -1 -9]\nWorldEnd\n";
+    "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 400 300 1\nProjection \"perspective\" \"fov\" "
+    "[40]\nTranslate 0 0 5\n"
+    "WorldBegin\nSurface \"busy\"\nSphere 1 -1 1 360\nPolygon \"P\" [-9 -1 -9 -9 -1 9 9 -1 9 9 -1 "
+    "-9]\nWorldEnd\n";
 
 std::set<std::string> sharedMemoryNames() {
   std::set<std::string> names;

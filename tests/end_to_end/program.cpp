@@ -127,7 +127,8 @@ double rmse(const Picture& a, const Picture& b) {
 
 double worst(const Picture& a, const Picture& b) {
   double w = 0;
-  if (!forEachPair(a, b, [&](double x, double y) { w = std::max(w, std::isnan(x - y) ? 1e30 : std::abs(x - y)); }))
+  if (!forEachPair(a, b,
+                   [&](double x, double y) { w = std::max(w, std::isnan(x - y) ? 1e30 : std::abs(x - y)); }))
     return std::numeric_limits<double>::infinity();
   return w;
 }

@@ -15,7 +15,8 @@ struct Outcome {
   std::string out, err;
 };
 
-/// Runs build/bin/<name> with `arguments` in `directory`. `whileRunning(pid)` is called once, right after the start.
+/// Runs build/bin/<name> with `arguments` in `directory`. `whileRunning(pid)` is called once, right after the
+/// start.
 Outcome run(const std::string& name, const std::vector<std::string>& arguments,
             const std::filesystem::path& directory, const std::function<void(int)>& whileRunning = {},
             const std::map<std::string, std::string>& environment = {});

@@ -51,24 +51,36 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   std::string output;
   std::vector<std::string> common;
 
-  auto* shmFlag = app.add_flag("--shm", shm, "Ray tracer in a process of its own, over shared memory (default)");
-  app.add_flag("--inproc", c.inproc, "Everything in one process; the same picture, bit for bit")->excludes(shmFlag);
-  app.add_option("--res", resolution, "Resolution, instead of Format")->expected(2)->type_name("X Y")->check(CLI::Range(1, 65536));
+  auto* shmFlag =
+      app.add_flag("--shm", shm, "Ray tracer in a process of its own, over shared memory (default)");
+  app.add_flag("--inproc", c.inproc, "Everything in one process; the same picture, bit for bit")
+      ->excludes(shmFlag);
+  app.add_option("--res", resolution, "Resolution, instead of Format")
+      ->expected(2)
+      ->type_name("X Y")
+      ->check(CLI::Range(1, 65536));
   app.add_option("--crop", crop, "Part of the frame, 0 to 1, y down")->expected(4)->type_name("X0 X1 Y0 Y1");
-  app.add_option("--samples", samples, "Samples a pixel, instead of PixelSamples")->expected(2)->type_name("X Y")->check(CLI::Range(1.0, 64.0));
-  app.add_option("--shading-rate", shadingRate, "Micropolygon area in pixels, instead of ShadingRate")->check(CLI::PositiveNumber);
+  app.add_option("--samples", samples, "Samples a pixel, instead of PixelSamples")
+      ->expected(2)
+      ->type_name("X Y")
+      ->check(CLI::Range(1.0, 64.0));
+  app.add_option("--shading-rate", shadingRate, "Micropolygon area in pixels, instead of ShadingRate")
+      ->check(CLI::PositiveNumber);
   app.add_option("--frames", frames, "First and last frame to render")->expected(2)->type_name("A B");
   app.add_option("--threads", c.threads, "Threads (default: all cores)")->check(CLI::Range(1, 1024));
-  app.add_option("--shaders", c.shaderPath, "Folders of shaders, colon-separated, searched first")->type_name("PATH");
-  app.add_option("-o,--output", output, "Write one picture to this file (format by its ending) instead of the Displays")->type_name("FILE");
+  app.add_option("--shaders", c.shaderPath, "Folders of shaders, colon-separated, searched first")
+      ->type_name("PATH");
+  app.add_option("-o,--output", output,
+                 "Write one picture to this file (format by its ending) instead of the Displays")
+      ->type_name("FILE");
   app.add_flag("--progress", c.progress, "Show a progress bar (default on a terminal)");
   app.add_flag("--no-progress", noProgress, "Show none");
   app.add_flag("--stats", c.stats, "Print statistics at the end");
   app.add_flag("--quiet", c.quiet, "Print errors only");
   app.add_option("scenes", common, "RIB files, or one .fsc")->type_name("SCENE...");
 
-  // -bmrt and -prman are switches of the 1998 script: one dash, and they hold for the files that follow. So the
-  // files are picked out here and the rest goes to the parser.
+  // -bmrt and -prman are switches of the 1998 script: one dash, and they hold for the files that follow. So
+  // the files are picked out here and the rest goes to the parser.
   std::vector<std::string> rest;
   uint8_t sides = cache::kForReyes | cache::kForTracer;
   int values = 0;  // arguments that belong to the option before
@@ -106,7 +118,8 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   cache::FrameOverrides& o = c.load.overrides;
   if (!resolution.empty()) o.resolution = {resolution[0], resolution[1]};
   if (!crop.empty()) {
-    if (!(crop[0] < crop[1] && crop[2] < crop[3] && crop[0] >= 0 && crop[1] <= 1 && crop[2] >= 0 && crop[3] <= 1)) {
+    if (!(crop[0] < crop[1] && crop[2] < crop[3] && crop[0] >= 0 && crop[1] <= 1 && crop[2] >= 0 &&
+          crop[3] <= 1)) {
       std::fputs("frankenrender: --crop wants 0 <= X0 < X1 <= 1 and 0 <= Y0 < Y1 <= 1\n", stderr);
       return {std::nullopt, 2};
     }

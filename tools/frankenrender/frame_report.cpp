@@ -13,7 +13,8 @@ class Lines {
  public:
   template <class... Args>
   void line(std::string_view name, fmt::format_string<Args...> f, Args&&... args) {
-    fmt::format_to(std::back_inserter(text_), "  {:<22} {}\n", name, fmt::format(f, std::forward<Args>(args)...));
+    fmt::format_to(std::back_inserter(text_), "  {:<22} {}\n", name,
+                   fmt::format(f, std::forward<Args>(args)...));
   }
   void title(std::string_view t) { fmt::format_to(std::back_inserter(text_), "{}\n", t); }
   std::string take() { return std::move(text_); }
@@ -42,8 +43,8 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("wait for ray tracer", "{:.3f}", frame.oracleWaitSeconds);
   out.line("composite", "{:.3f}", frame.compositeSeconds);
   out.line("filter and write", "{:.3f}", frame.filterAndWriteSeconds);
-  out.line("compile shaders", "{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds, shading.shadersLoaded,
-           shading.shadersCompiled);
+  out.line("compile shaders", "{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds,
+           shading.shadersLoaded, shading.shadersCompiled);
   out.title(" geometry");
   if (load)
     out.line("primitives", "{}{}", load->primitives,
@@ -58,7 +59,8 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("samples", "{}  ({} micropolygons tested, {} transparent fragments)", frame.samples,
            frame.micropolygonsTested, frame.fragments);
   if (shading.lanesTotal > 0)
-    out.line("shader lanes active", "{:.1f} %", 100.0 * double(shading.lanesActive) / double(shading.lanesTotal));
+    out.line("shader lanes active", "{:.1f} %",
+             100.0 * double(shading.lanesActive) / double(shading.lanesTotal));
 
   out.title(" rays");
   if (!oracleAsked) {
@@ -83,8 +85,8 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("scene cache (shared)", "{} skeleton, {} nodes, {} grids", mebibytes(cache.skeletonBytes),
            mebibytes(cache.nodeBytes), mebibytes(cache.arenaBytes));
   if (tracer && tracer->batches > 0)
-    out.line("BVH", "{}  (peak {}), {} records", mebibytes(tracer->embreeBytes), mebibytes(tracer->embreePeakBytes),
-             mebibytes(tracer->recordBytes));
+    out.line("BVH", "{}  (peak {}), {} records", mebibytes(tracer->embreeBytes),
+             mebibytes(tracer->embreePeakBytes), mebibytes(tracer->recordBytes));
   uint64_t total = 0;
   const auto process = [&](const char* name, const std::optional<shm::ProcessMemory>& m) {
     if (!m) return;

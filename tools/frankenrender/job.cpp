@@ -37,7 +37,8 @@ void append(std::vector<std::string>& to, const std::vector<std::string>& more) 
     if (std::find(to.begin(), to.end(), m) == to.end()) to.push_back(m);
 }
 
-/// The command line, the scene's own search path (which starts from SHADERS), then the folders of the scene files.
+/// The command line, the scene's own search path (which starts from SHADERS), then the folders of the scene
+/// files.
 std::vector<std::string> shaderFolders(const CommandLine& c, const cache::Skeleton& skeleton) {
   std::vector<std::string> folders = splitPath(c.shaderPath);
   if (!skeleton.searchPaths().empty()) append(folders, splitPath(skeleton.string(skeleton.searchPaths()[0])));
@@ -103,7 +104,8 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   }
   cache.setDisplacer(nullptr);
   if (!rendered.ok()) return std::move(rendered).error();
-  if (rendered->oracleFailed) return makeError(RiError::kSystem, "the frame was finished without its ray tracer");
+  if (rendered->oracleFailed)
+    return makeError(RiError::kSystem, "the frame was finished without its ray tracer");
   return {};
 }
 
@@ -119,7 +121,8 @@ int runJob(const CommandLine& c) {
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
-  const auto renderOne = [&](Result<std::unique_ptr<cache::SceneCache>> opened, const cache::FrameCounts* counts) {
+  const auto renderOne = [&](Result<std::unique_ptr<cache::SceneCache>> opened,
+                             const cache::FrameCounts* counts) {
     FrameReport report;
     if (counts) report.load = *counts;
     ++frames;

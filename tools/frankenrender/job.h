@@ -5,8 +5,8 @@
 
 namespace fr::tools {
 
-/// Loads and renders everything; prints messages. Returns the exit status: 0, or 1 when something failed or was
-/// replaced by a default.
+/// Loads and renders everything; prints messages. Returns the exit status: 0, or 1 when something failed or
+/// was replaced by a default.
 int runJob(const CommandLine& commandLine);
 
 }  // namespace fr::tools
