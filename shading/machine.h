@@ -23,7 +23,8 @@ struct DerivativeStencil {
 
 /// Fills a stencil for (nu+1) x (nv+1) points in rows, cells of du by dv: central differences inside,
 /// one-sided at the borders (RISpec 16).
-void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv);
+void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv,
+                 const float* u = nullptr, const float* v = nullptr);
 /// For meshlets: the two other vertices of one triangle of each vertex; du = dv = 1.
 void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices,
                     uint32_t lanes);

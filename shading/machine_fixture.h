@@ -101,6 +101,7 @@ class MachineFixture {
     Diagnostics diagnostics;
     CompileOptions options;
     options.optimize = optimize;
+    options.includePaths = includePaths;
     auto program = compileShaderString(source, options, diagnostics);
     if (!program) {
       error = program.error().str();
@@ -131,6 +132,7 @@ class MachineFixture {
   Batch batch;
   uint32_t count = 0, lanes = 0;
   std::string error;
+  std::vector<std::string> includePaths;
   int suspensions = 0;
   std::function<void(PendingRays&)> oracle;
 

@@ -145,17 +145,24 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     if (meshlet) {
       meshletStencil(stencil_, n, grid.nv, view.indices, lanes_);
     } else {
-      const uint32_t lastInRow = grid.nu, lastRow = uint32_t(grid.nv) * row;
-      const float patchDu = (patchU_[lastInRow] - patchU_[0]) / float(std::max<int>(1, grid.nu));
-      const float patchDv = (patchV_[lastRow] - patchV_[0]) / float(std::max<int>(1, grid.nv));
-      du = needParameters ? (column(kU)[lastInRow] - column(kU)[0]) / float(std::max<int>(1, grid.nu))
-                          : patchDu;
-      dv =
-          needParameters ? (column(kV)[lastRow] - column(kV)[0]) / float(std::max<int>(1, grid.nv)) : patchDv;
+      // Over the widest row and column: those of a border may be collapsed.
+      const auto span = [](const float* p, uint32_t cells, uint32_t step, uint32_t lines, uint32_t lineStep) {
+        float widest = 0;
+        for (uint32_t line : {0u, lines / 2, lines}) {
+          const float w = p[line * lineStep + cells * step] - p[line * lineStep];
+          if (std::fabs(w) > std::fabs(widest)) widest = w;
+        }
+        return widest / float(std::max(1u, cells));
+      };
+      const float patchDu = span(patchU_.data(), grid.nu, 1, grid.nv, row);
+      const float patchDv = span(patchV_.data(), grid.nv, row, grid.nu, 1);
+      du = needParameters ? span(column(kU), grid.nu, 1, grid.nv, row) : patchDu;
+      dv = needParameters ? span(column(kV), grid.nv, row, grid.nu, 1) : patchDv;
       if (du == 0 || !std::isfinite(du)) du = patchDu != 0 ? patchDu : 1;
       if (dv == 0 || !std::isfinite(dv)) dv = patchDv != 0 ? patchDv : 1;
       scaleU = patchDu / du, scaleV = patchDv / dv;  // dPdu is per unit of the patch's own u
-      gridStencil(stencil_, grid.nu, grid.nv, lanes_, du, dv);
+      gridStencil(stencil_, grid.nu, grid.nv, lanes_, du, dv, needParameters ? column(kU) : nullptr,
+                  needParameters ? column(kV) : nullptr);
     }
     std::fill_n(column(kDu), lanes_, du), std::fill_n(column(kDv), lanes_, dv);
     if (displaced || meshlet) {
@@ -188,8 +195,12 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
       seeds_[i] = points.seed ? points.seed[i] : 0;
     }
     eachRun([&](cache::NodeId node, uint32_t first, uint32_t m) {
+      // P where the ray met the diced surface; the rest as on grids, so that both renderers shade alike.
       scene.evaluateDiced(node, m, &cells_[first], &patchU_[first], &patchV_[first],
-                          surfaceOut(first, true, true, true));
+                          surfaceOut(first, true, true, setup.displaced));
+      if (!setup.displaced)
+        scene.evaluateSurface(node, m, &cells_[first], &patchU_[first], &patchV_[first],
+                              surfaceOut(first, false, false, true));
       if (needParameters)
         scene.evaluateParameters(node, m, &cells_[first], &patchU_[first], &patchV_[first],
                                  column(kU) + first, column(kV) + first, column(kS) + first,
@@ -393,7 +404,7 @@ void PointColumns::fillForDicing(const ShadeSetup& setup, cache::NodeId node, si
   if (grid) {
     du = (u[gridNu] - u[0]) / float(gridNu);
     dv = (v[size_t(gridNv) * size_t(gridNu + 1)] - v[0]) / float(gridNv);
-    gridStencil(stencil_, uint32_t(gridNu), uint32_t(gridNv), lanes_, du, dv);
+    gridStencil(stencil_, uint32_t(gridNu), uint32_t(gridNv), lanes_, du, dv, u, v);
     std::fill_n(column(kDu), lanes_, du), std::fill_n(column(kDv), lanes_, dv);
   } else {
     for (uint32_t i = 0; i < count; ++i) {

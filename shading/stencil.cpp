@@ -1,21 +1,34 @@
+#include <cmath>
+
 #include "shading/machine.h"
 
 namespace fr {
 
-void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv) {
+void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes, float du, float dv,
+                 const float* u, const float* v) {
   s.resize(lanes);
   const uint32_t row = nu + 1;
   for (uint32_t i = 0; i < lanes; ++i) s.uLo[i] = s.uHi[i] = s.vLo[i] = s.vHi[i] = uint16_t(i);
-  const float inverseU = du != 0 ? 1 / du : 0, inverseV = dv != 0 ? 1 / dv : 0;
+  // Neighbours in [0, n] of x, `stride` lanes apart, and one over their distance in the parameter. Where vertices of a
+  // border stand on one another the next ones are taken.
+  const auto pick = [](uint32_t i, uint32_t x, uint32_t n, uint32_t stride, float cell, const float* parameter,
+                       uint16_t& lo, uint16_t& hi) {
+    uint32_t a = x > 0 ? x - 1 : x, b = x < n ? x + 1 : x;
+    const auto lane = [&](uint32_t k) { return i + k * stride - x * stride; };
+    const auto step = [&] { return parameter ? parameter[lane(b)] - parameter[lane(a)] : float(b - a) * cell; };
+    while (std::fabs(step()) < 0.5f * std::fabs(cell) && (a > 0 || b < n)) {
+      if (b < n) ++b;
+      if (a > 0) --a;
+    }
+    lo = uint16_t(lane(a)), hi = uint16_t(lane(b));
+    const float d = step();
+    return d != 0 && std::isfinite(1 / d) ? 1 / d : 0.0f;
+  };
   for (uint32_t y = 0; y <= nv; ++y)
     for (uint32_t x = 0; x <= nu; ++x) {
       const uint32_t i = y * row + x;
-      const uint32_t x0 = x > 0 ? x - 1 : x, x1 = x < nu ? x + 1 : x, y0 = y > 0 ? y - 1 : y,
-                     y1 = y < nv ? y + 1 : y;
-      s.uLo[i] = uint16_t(y * row + x0), s.uHi[i] = uint16_t(y * row + x1);
-      s.vLo[i] = uint16_t(y0 * row + x), s.vHi[i] = uint16_t(y1 * row + x);
-      s.uScale[i] = x1 > x0 ? inverseU / float(x1 - x0) : 0;
-      s.vScale[i] = y1 > y0 ? inverseV / float(y1 - y0) : 0;
+      s.uScale[i] = pick(i, x, nu, 1, du, u, s.uLo[i], s.uHi[i]);
+      s.vScale[i] = pick(i, y, nv, row, dv, v, s.vLo[i], s.vHi[i]);
       s.uCell[i] = du, s.vCell[i] = dv;
     }
 }

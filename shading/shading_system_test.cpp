@@ -1,0 +1,333 @@
+// Shading over a real scene cache: RIB text in, colours of grids and hits out.
+#include "shading/shading_system.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+
+#include "scene_cache/scene_loader.h"
+
+namespace fr {
+namespace {
+
+class Scene {
+ public:
+  Scene(const std::string& world, const std::map<std::string, std::string>& shaders = {}) {
+    folder_ = std::filesystem::path(::testing::TempDir()) / fmt::format("shading_system.{}.{}", getpid(), count_++);
+    std::filesystem::create_directories(folder_);
+    for (const auto& [name, text] : shaders) std::ofstream(folder_ / (name + ".sl")) << text;
+    const std::string rib = (folder_ / "scene.rib").string();
+    std::ofstream(rib) << "Format 64 64 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nWorldBegin\n"
+                       << world << "\nWorldEnd\n";
+    const cache::RibInput input{rib};
+    int fd = -1;
+    auto loaded = cache::loadScene({&input, 1}, {}, [&](cache::Frame&& f) {
+      auto made = cache::SceneCache::create(f.skeletonFd());
+      if (made) cache = std::move(*made);
+      return true;
+    });
+    (void)fd;
+    EXPECT_TRUE(loaded.ok());
+    if (!cache) return;
+    ShadingSystem::Options o;
+    o.shaderPath = {folder_.string()};
+    o.standardShaders = std::string(FR_SOURCE_DIR) + "/shaders";
+    shading = std::make_unique<ShadingSystem>(*cache, o);
+    cache->setDisplacer(&shading->displacer());
+  }
+  ~Scene() {
+    std::error_code e;
+    std::filesystem::remove_all(folder_, e);
+  }
+  void forEachGrid(const std::function<void(const cache::GridRecord&)>& f) {
+    uint32_t roots = uint32_t(cache->skeleton().rootPatches().size());
+    std::vector<cache::NodeId> todo;
+    for (uint32_t i = 0; i < roots; ++i) todo.push_back(i);
+    while (!todo.empty()) {
+      const cache::ResolvedNode r = cache->resolve(todo.back());
+      todo.pop_back();
+      if (r.state == cache::NodeState::kSplit) todo.push_back(r.children[0]), todo.push_back(r.children[1]);
+      if (r.state == cache::NodeState::kGrid) f(*r.grid);
+    }
+  }
+  /// Shades a grid, answering rays with `answer`.
+  void shade(ShadeTask& task, const ShadePoints& points, const std::function<void(RayQuery&)>& answer = {}) {
+    auto q = std::make_unique<RayQuery>();
+    task.begin(points);
+    while (task.run() == ShadeTask::Status::kNeedsRays) {
+      ++suspensions;
+      task.writeRays(*q);
+      if (answer) {
+        answer(*q);
+        task.readAnswers(*q);
+      } else {
+        task.missAll();
+      }
+    }
+  }
+  std::unique_ptr<cache::SceneCache> cache;
+  std::unique_ptr<ShadingSystem> shading;
+  int suspensions = 0;
+
+ private:
+  std::filesystem::path folder_;
+  static inline int count_ = 0;
+};
+
+ShadePoints gridPoints(const cache::GridRecord& g) {
+  ShadePoints p;
+  p.topology = g.kind == cache::GridKind::kMeshlet ? ShadePoints::Topology::kMeshlet : ShadePoints::Topology::kGrid;
+  p.grid = &g;
+  p.gridSeed = g.node;
+  return p;
+}
+Vec3 vertex(const Scene& s, const cache::GridRecord& g, size_t i) {
+  const cache::GridView v = s.cache->view(g);
+  const size_t at = g.kind == cache::GridKind::kMeshlet ? i : i / (g.nu + 1u) * g.rowStride + i % (g.nu + 1u);
+  return {v.positions[3 * at], v.positions[3 * at + 1], v.positions[3 * at + 2]};
+}
+/// Matte sphere of radius 1 about `center` (camera space) under a point light of intensity 20.
+double matteSphere(const Vec3& P, const Vec3& center, const Vec3& light) {
+  const Vec3 N = glm::normalize(P - center), L = light - P;
+  const Vec3 Nf = glm::dot(N, P) > 0 ? -N : N;
+  return std::max(0.0, 20.0 * double(glm::dot(Nf, glm::normalize(L)) / glm::dot(L, L)));
+}
+const char* kLitSphere =
+    "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"matte\" \"Ka\" [0]\nSphere 1 -1 1 360\n";
+
+TEST(ShadingSystem, MatteSphereUnderAPointLight) {
+  Scene s(kLitSphere);
+  ASSERT_TRUE(s.cache);
+  s.shading->loadShaders(cache::kForReyes);
+  EXPECT_FALSE(s.shading->canAskRays());
+  ShadeTask task(*s.shading);
+  const Mat4 m(s.cache->skeleton().cacheToCamera(0));
+  size_t points = 0;
+  double worst = 0, sum = 0;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i, ++points) {
+      const Vec3 P = transformPoint(m, vertex(s, g, i));
+      // Where the light grazes, or N turns to face the eye, rounding decides.
+      if (std::fabs(glm::dot(glm::normalize(P), P - Vec3(0, 0, 5))) < 1e-3f) continue;
+      const double error = std::fabs(task.color(0)[i] - matteSphere(P, {0, 0, 5}, {2, 3, 1}));
+      worst = std::max(worst, error), sum += error;
+      ASSERT_EQ(task.opacity(1)[i], 1);
+    }
+  });
+  EXPECT_GT(points, 200u);
+  // Border vertices that were moved onto their neighbours keep the normal of their own address.
+  EXPECT_LT(worst, 5e-3);
+  EXPECT_LT(sum / double(points), 2e-4);
+  EXPECT_GE(s.shading->statistics().pointsShaded, points);
+}
+
+TEST(ShadingSystem, LightsWithShadowsAskAndStartOnTheSurface) {
+  Scene s(std::string("Attribute \"light\" \"string shadows\" [\"on\"]\n") + kLitSphere);
+  s.shading->loadShaders(cache::kForReyes);
+  EXPECT_TRUE(s.shading->canAskRays());
+  Scene plain(kLitSphere);
+  plain.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading), reference(*plain.shading);
+  const Mat4 toCamera(s.cache->skeleton().cacheToCamera(0));
+  size_t rays = 0;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    std::vector<float> unshadowed;
+    s.shade(task, gridPoints(g));
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i) unshadowed.push_back(task.color(0)[i]);
+    s.shade(task, gridPoints(g), [&](RayQuery& q) {
+      EXPECT_EQ(q.kind, RayKind::kVisibility);
+      EXPECT_EQ(q.level, 1u);
+      for (uint32_t k = 0; k < q.count; ++k) {
+        EXPECT_EQ(q.node[k], g.node);
+        const Vec3 n(q.normal[0][k], q.normal[1][k], q.normal[2][k]);
+        EXPECT_NEAR(glm::length(n), 1, 1e-5);
+        const Vec3 from(q.origin[0][k], q.origin[1][k], q.origin[2][k]), d(q.direction[0][k], q.direction[1][k], q.direction[2][k]);
+        const Vec3 end = transformPoint(toCamera, from + d);
+        EXPECT_NEAR(glm::length(end - Vec3(2, 3, 1)), 0, 1e-4);
+        EXPECT_GT(q.radius[k], 0);
+        for (auto& c : q.color) c[k] = 0.5f;
+      }
+      rays += q.count;
+    });
+    for (size_t i = 0; i < unshadowed.size(); ++i) ASSERT_NEAR(task.color(0)[i], 0.5f * unshadowed[i], 1e-5);
+  });
+  EXPECT_GT(rays, 50u);
+}
+
+TEST(ShadingSystem, BadAnswersAreMisses) {
+  Scene s("Surface \"ask\"\nSphere 1 -1 1 360\n",
+          {{"ask", "surface ask() { point Ph = 0; vector Nh = 0; Ci = trace(P, N) + color(rayhittest(P, N, Ph, Nh) > 1e10 ? 1 : 0); Oi = 1; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  EXPECT_TRUE(s.shading->canAskRays());
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g), [](RayQuery& q) {
+      for (uint32_t k = 0; k < q.count; ++k) {
+        for (auto& c : q.color) c[k] = NAN;
+        q.hitDistance[k] = k % 2 ? NAN : -5;
+        for (auto& c : q.hitP) c[k] = INFINITY;
+      }
+    });
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i) ASSERT_EQ(task.color(2)[i], 1);
+  });
+}
+
+TEST(ShadingSystem, HitsAgreeWithGrids) {
+  Scene s("LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"curved\"\nSphere 1 -1 1 360\n",
+          {{"curved", "surface curved() { normal Nf = normalize(N); Ci = diffuse(Nf) + color(length(Du(s) * dPdu), s, t); Oi = 1; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask grids(*s.shading), hits(*s.shading);
+  const DMat4 cameraToCache = glm::inverse(s.cache->skeleton().cacheToCamera(0));
+  const Vec3 eye(cameraToCache[3]);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    const size_t n = s.cache->view(g).vertexCount();
+    s.shade(grids, gridPoints(g));
+    std::vector<uint32_t> cell(n);
+    std::vector<float> u(n), v(n), radius(n, 1e-3f), one(n, 1), direction[3];
+    s.cache->vertexParameters(g, cell.data(), u.data(), v.data());
+    std::vector<cache::NodeId> node(n, g.node);
+    for (int c = 0; c < 3; ++c)
+      for (size_t i = 0; i < n; ++i) direction[c].push_back(vertex(s, g, i)[c] - eye[c]);
+    ShadePoints p;
+    p.topology = ShadePoints::Topology::kHits;
+    p.count = n;
+    p.node = node.data(), p.cell = cell.data(), p.u = u.data(), p.v = v.data();
+    for (int c = 0; c < 3; ++c) p.direction[c] = direction[c].data();
+    p.distance = one.data(), p.radius = radius.data();
+    s.shade(hits, p);
+    for (size_t i = 0; i < n; ++i) {
+      EXPECT_NEAR(hits.color(1)[i], grids.color(1)[i], 2e-4) << i;
+      EXPECT_NEAR(hits.color(2)[i], grids.color(2)[i], 2e-4) << i;
+      EXPECT_NEAR(hits.color(0)[i], grids.color(0)[i], 2e-2 * (1 + grids.color(0)[i])) << i;
+    }
+  });
+}
+
+TEST(ShadingSystem, PrimitiveVariablesOverrideParameters) {
+  Scene s("Color [1 0.5 0.25]\nSurface \"show\" \"uniform float gain\" [3]\n"
+          "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0] \"varying float gain\" [0 1 0 1]\n"
+          "Patch \"bilinear\" \"P\" [-1 -1 1  1 -1 1  -1 1 1  1 1 1] \"varying color Cs\" [0 0 0  0 0 0  1 1 1  1 1 1]\n",
+          {{"show", "surface show(float gain = 1) { Ci = Cs * gain; Oi = Os; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    const bool first = &s.cache->objectOf(g.node) == &s.cache->skeleton().objects()[0];
+    s.shade(task, gridPoints(g));
+    const size_t n = s.cache->view(g).vertexCount();
+    std::vector<uint32_t> cell(n);
+    std::vector<float> u(n), v(n);
+    s.cache->vertexParameters(g, cell.data(), u.data(), v.data());
+    for (size_t i = 0; i < n; ++i) {
+      ASSERT_NEAR(task.color(1)[i], first ? 0.5f * u[i] : 3 * v[i], 1e-4);
+      ASSERT_NEAR(task.output("gain", 0)[i], first ? u[i] : 3, 1e-4);
+    }
+  });
+  EXPECT_TRUE(s.shading->isOpaque(s.cache->skeleton().objects()[0].attributes));
+}
+
+TEST(ShadingSystem, DisplacementMovesGridsAndTheirNormals) {
+  Scene s("Attribute \"displacementbound\" \"sphere\" [0.2]\nDisplacement \"grow\" \"uniform float by\" [0.1]\nSurface \"matte\"\nSphere 1 -1 1 360\n",
+          {{"grow", "displacement grow(float by = 0) { P += by * normalize(N); N = calculatenormal(P); }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  const Mat4 m(s.cache->skeleton().cacheToCamera(0));
+  size_t checked = 0;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i) {
+      const Vec3 P = transformPoint(m, vertex(s, g, i)) - Vec3(0, 0, 5);
+      EXPECT_NEAR(glm::length(P), 1.1, 1e-3);
+      if (std::fabs(P.z) < 0.9f) {  // away from the poles
+        const Vec3 N(task.output("N", 0)[i], task.output("N", 1)[i], task.output("N", 2)[i]);
+        EXPECT_GT(std::fabs(glm::dot(glm::normalize(N), glm::normalize(P))), 0.97);
+        ++checked;
+      }
+    }
+  });
+  EXPECT_GT(checked, 50u);
+}
+
+TEST(ShadingSystem, MissingShadersAreReplacedAndReported) {
+  int reports = 0;
+  setReportSink([&](const Error&) { ++reports; });
+  Scene s("LightSource \"nolight\" 1\nSurface \"nosuchsurface\"\nDisplacement \"nodisplacement\"\nSphere 1 -1 1 360\n");
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i) ASSERT_GT(task.color(0)[i], 0.1);
+  });
+  setReportSink({});
+  EXPECT_GE(reports, 2);
+}
+
+TEST(ShadingSystem, ImagerChangesPixels) {
+  Scene plain("Sphere 1 -1 1 360\n");
+  float x[3] = {0, 1, 2}, c[3] = {1, 0.5f, 0.25f}, a[3] = {1, 1, 0};
+  float* color[3] = {c, c, c};
+  EXPECT_FALSE(plain.shading->runImager(3, x, x, color, nullptr, a));
+}
+
+TEST(ShadingSystem, AtmosphereFollowsTheSurface) {
+  Scene s("Atmosphere \"dim\" \"uniform float by\" [0.25]\nSurface \"white\"\nSphere 1 -1 1 360\n",
+          {{"white", "surface white() { Ci = 1; Oi = 1; }"},
+           {"dim", "volume dim(float by = 1) { Ci = by * Ci * length(I) / length(P); Oi = Oi; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i) ASSERT_NEAR(task.color(0)[i], 0.25, 1e-5);
+  });
+}
+
+TEST(ShadingSystem, BumpMappingChangesNormalsAlone) {
+  Scene s("Displacement \"tilt\"\nSurface \"normals\"\nPatch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0]\n",
+          {{"tilt", "displacement tilt() { N = normalize(calculatenormal(P + vector(0, 0, 0.5 * u))); }"},
+           {"normals", "surface normals() { Ci = color(N); Oi = 1; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    // z rises by 0.5 over a width of 2: the slope of N is a quarter.
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i)
+      ASSERT_NEAR(task.color(0)[i] / task.color(2)[i], -0.25, 1e-4);
+  });
+}
+
+TEST(ShadingSystem, DenseMeshesShadeAsMeshlets) {
+  // A wavy sheet of small triangles.
+  constexpr int n = 40;
+  std::string points, counts, indices;
+  for (int y = 0; y <= n; ++y)
+    for (int x = 0; x <= n; ++x)
+      points += fmt::format("{} {} {} ", 2.0 * x / n - 1, 2.0 * y / n - 1, 0.1 * std::sin(6.0 * x / n));
+  for (int y = 0; y < n; ++y)
+    for (int x = 0; x < n; ++x) {
+      const int a = y * (n + 1) + x, b = a + 1, c = a + n + 1, d = c + 1;
+      counts += "3 3 ";
+      indices += fmt::format("{} {} {} {} {} {} ", a, b, d, a, d, c);
+    }
+  Scene s("Surface \"slopes\"\nPointsPolygons [" + counts + "] [" + indices + "] \"P\" [" + points + "]\n",
+          {{"slopes", "surface slopes() { Ci = color(length(normalize(N)), length(Du(P) - dPdu), area(P)); Oi = 1; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  size_t vertices = 0;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    if (g.kind != cache::GridKind::kMeshlet) return;
+    for (size_t i = 0; i < s.cache->view(g).vertexCount(); ++i, ++vertices) {
+      ASSERT_NEAR(task.color(0)[i], 1, 1e-5);
+      ASSERT_NEAR(task.color(1)[i], 0, 1e-5);
+      ASSERT_GT(task.color(2)[i], 0);
+    }
+  });
+  EXPECT_GT(vertices, 100u);
+}
+
+}  // namespace
+}  // namespace fr
