@@ -49,7 +49,7 @@ Vec3 unit(const Vec3& v) {
 /// Radius and spread of every point, once per batch: given for ray hits, from the neighbours of P on grids.
 void Machine::computeFootprints() {
   const uint32_t n = batch_.lanes;
-  footprints_.reserve(size_t(n) * 2);
+  footprints_.reserve(size_t(n) * 8);
   float* radius = footprints_.data();
   float* spread = radius + n;
   const Operand P = batch_.globals[size_t(GlobalId::k_P)];
@@ -86,14 +86,29 @@ bool Machine::ask(const Question& q) {
   const float* const radius = footprints_.data();
   const float* const spread = radius + batch_.lanes;
   const bool segment = q.kind == RayKind::kVisibility;
-  const auto directionAt = [&](uint32_t lane) {
-    const Vec3 v = at3(q.direction, lane);
-    return q.toPoint ? v - at3(q.from, lane) : v;
-  };
+  // Directions, and unit directions, of all lanes.
+  const uint32_t n = batch_.lanes;
+  const Operand raw{footprints_.data() + size_t(n) * 2, n, ~0u},
+      units{footprints_.data() + size_t(n) * 5, n, ~0u};
+  KernelCall call;
+  call.lanes = n;
+  {
+    const Operand args[] = {raw, q.direction, q.from};
+    call.arg = args, call.argCount = 3;
+    if (q.toPoint) {
+      kernels().op[size_t(Op::sub_t)](call);
+    } else {
+      for (uint32_t c = 0; c < 3; ++c)
+        for (uint32_t i = 0; i < n; ++i) raw.comp(c)[i] = q.direction.at(i, c);
+    }
+    const Operand pair[] = {units, raw};
+    call.arg = pair, call.argCount = 2;
+    kernels().op[size_t(Op::normalize)](call);
+  }
   for (uint32_t i = 0; i < batch_.asking && r.count < kMaxRays; ++i) {
     if (!q.mask[i]) continue;
     Vec3 from = at3(q.from, i);
-    Vec3 direction = directionAt(i);
+    Vec3 direction = at3(raw, i);
     if (!isFinite(from) || !isFinite(direction)) from = direction = Vec3(0);  // hits nothing
     const uint32_t k = r.count;
     r.radius[k] = radius[i];
@@ -114,17 +129,18 @@ bool Machine::ask(const Question& q) {
     }
     uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
     if (q.counter) seed = hashStep(seed, q.counter[i]);
-    if (!segment) direction = unit(direction);
+    if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
     if (d && d->uScale[i] != 0.0f && !r.single && !segment) {
       // How much the direction turns over the footprint.
       const auto turn = [&](uint32_t lo, uint32_t hi, float scale) {
         if (!q.mask[lo] || !q.mask[hi]) return 0.0f;
-        const float t = glm::length(unit(directionAt(hi)) - unit(directionAt(lo))) * scale * 0.5f;
-        return std::isfinite(t) ? t : 0.0f;
+        const Vec3 t = at3(units, hi) - at3(units, lo);
+        const float squared = glm::dot(t, t) * scale * scale * 0.25f;
+        return std::isfinite(squared) ? squared : 0.0f;
       };
-      const float u = turn(d->uLo[i], d->uHi[i], std::fabs(d->uScale[i] * d->uCell[i]));
-      const float v = turn(d->vLo[i], d->vHi[i], std::fabs(d->vScale[i] * d->vCell[i]));
-      r.spread[k] = std::min(1.0f, std::max({r.spread[k], u, v}));
+      const float u = turn(d->uLo[i], d->uHi[i], d->uScale[i] * d->uCell[i]);
+      const float v = turn(d->vLo[i], d->vHi[i], d->vScale[i] * d->vCell[i]);
+      r.spread[k] = std::min(1.0f, std::max(r.spread[k], std::sqrt(std::max(u, v))));
     }
     if (q.cone > 0.0f) {
       const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed >> 32));

@@ -17,12 +17,14 @@ namespace {
 class Scene {
  public:
   Scene(const std::string& world, const std::map<std::string, std::string>& shaders = {}) {
-    folder_ = std::filesystem::path(::testing::TempDir()) / fmt::format("shading_system.{}.{}", getpid(), count_++);
+    folder_ =
+        std::filesystem::path(::testing::TempDir()) / fmt::format("shading_system.{}.{}", getpid(), count_++);
     std::filesystem::create_directories(folder_);
     for (const auto& [name, text] : shaders) std::ofstream(folder_ / (name + ".sl")) << text;
     const std::string rib = (folder_ / "scene.rib").string();
-    std::ofstream(rib) << "Format 64 64 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nWorldBegin\n"
-                       << world << "\nWorldEnd\n";
+    std::ofstream(rib)
+        << "Format 64 64 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nWorldBegin\n"
+        << world << "\nWorldEnd\n";
     const cache::RibInput input{rib};
     int fd = -1;
     auto loaded = cache::loadScene({&input, 1}, {}, [&](cache::Frame&& f) {
@@ -80,7 +82,8 @@ class Scene {
 
 ShadePoints gridPoints(const cache::GridRecord& g) {
   ShadePoints p;
-  p.topology = g.kind == cache::GridKind::kMeshlet ? ShadePoints::Topology::kMeshlet : ShadePoints::Topology::kGrid;
+  p.topology =
+      g.kind == cache::GridKind::kMeshlet ? ShadePoints::Topology::kMeshlet : ShadePoints::Topology::kGrid;
   p.grid = &g;
   p.gridSeed = g.node;
   return p;
@@ -97,7 +100,8 @@ double matteSphere(const Vec3& P, const Vec3& center, const Vec3& light) {
   return std::max(0.0, 20.0 * double(glm::dot(Nf, glm::normalize(L)) / glm::dot(L, L)));
 }
 const char* kLitSphere =
-    "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"matte\" \"Ka\" [0]\nSphere 1 -1 1 360\n";
+    "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"matte\" \"Ka\" [0]\nSphere "
+    "1 -1 1 360\n";
 
 TEST(ShadingSystem, MatteSphereUnderAPointLight) {
   Scene s(kLitSphere);
@@ -146,7 +150,8 @@ TEST(ShadingSystem, LightsWithShadowsAskAndStartOnTheSurface) {
         EXPECT_EQ(q.node[k], g.node);
         const Vec3 n(q.normal[0][k], q.normal[1][k], q.normal[2][k]);
         EXPECT_NEAR(glm::length(n), 1, 1e-5);
-        const Vec3 from(q.origin[0][k], q.origin[1][k], q.origin[2][k]), d(q.direction[0][k], q.direction[1][k], q.direction[2][k]);
+        const Vec3 from(q.origin[0][k], q.origin[1][k], q.origin[2][k]),
+            d(q.direction[0][k], q.direction[1][k], q.direction[2][k]);
         const Vec3 end = transformPoint(toCamera, from + d);
         EXPECT_NEAR(glm::length(end - Vec3(2, 3, 1)), 0, 1e-4);
         EXPECT_GT(q.radius[k], 0);
@@ -161,7 +166,9 @@ TEST(ShadingSystem, LightsWithShadowsAskAndStartOnTheSurface) {
 
 TEST(ShadingSystem, BadAnswersAreMisses) {
   Scene s("Surface \"ask\"\nSphere 1 -1 1 360\n",
-          {{"ask", "surface ask() { point Ph = 0; vector Nh = 0; Ci = trace(P, N) + color(rayhittest(P, N, Ph, Nh) > 1e10 ? 1 : 0); Oi = 1; }"}});
+          {{"ask",
+            "surface ask() { point Ph = 0; vector Nh = 0; Ci = trace(P, N) + color(rayhittest(P, N, Ph, Nh) "
+            "> 1e10 ? 1 : 0); Oi = 1; }"}});
   s.shading->loadShaders(cache::kForReyes);
   EXPECT_TRUE(s.shading->canAskRays());
   ShadeTask task(*s.shading);
@@ -178,8 +185,12 @@ TEST(ShadingSystem, BadAnswersAreMisses) {
 }
 
 TEST(ShadingSystem, HitsAgreeWithGrids) {
-  Scene s("LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"curved\"\nSphere 1 -1 1 360\n",
-          {{"curved", "surface curved() { normal Nf = normalize(N); Ci = diffuse(Nf) + color(length(Du(s) * dPdu), s, t); Oi = 1; }"}});
+  Scene s(
+      "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -4]\nSurface \"curved\"\nSphere 1 -1 1 "
+      "360\n",
+      {{"curved",
+        "surface curved() { normal Nf = normalize(N); Ci = diffuse(Nf) + color(length(Du(s) * dPdu), s, t); "
+        "Oi = 1; }"}});
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask grids(*s.shading), hits(*s.shading);
   const DMat4 cameraToCache = glm::inverse(s.cache->skeleton().cacheToCamera(0));
@@ -209,10 +220,12 @@ TEST(ShadingSystem, HitsAgreeWithGrids) {
 }
 
 TEST(ShadingSystem, PrimitiveVariablesOverrideParameters) {
-  Scene s("Color [1 0.5 0.25]\nSurface \"show\" \"uniform float gain\" [3]\n"
-          "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0] \"varying float gain\" [0 1 0 1]\n"
-          "Patch \"bilinear\" \"P\" [-1 -1 1  1 -1 1  -1 1 1  1 1 1] \"varying color Cs\" [0 0 0  0 0 0  1 1 1  1 1 1]\n",
-          {{"show", "surface show(float gain = 1) { Ci = Cs * gain; Oi = Os; }"}});
+  Scene s(
+      "Color [1 0.5 0.25]\nSurface \"show\" \"uniform float gain\" [3]\n"
+      "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0] \"varying float gain\" [0 1 0 1]\n"
+      "Patch \"bilinear\" \"P\" [-1 -1 1  1 -1 1  -1 1 1  1 1 1] \"varying color Cs\" [0 0 0  0 0 0  1 1 1  "
+      "1 1 1]\n",
+      {{"show", "surface show(float gain = 1) { Ci = Cs * gain; Oi = Os; }"}});
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask task(*s.shading);
   s.forEachGrid([&](const cache::GridRecord& g) {
@@ -231,8 +244,10 @@ TEST(ShadingSystem, PrimitiveVariablesOverrideParameters) {
 }
 
 TEST(ShadingSystem, DisplacementMovesGridsAndTheirNormals) {
-  Scene s("Attribute \"displacementbound\" \"sphere\" [0.2]\nDisplacement \"grow\" \"uniform float by\" [0.1]\nSurface \"matte\"\nSphere 1 -1 1 360\n",
-          {{"grow", "displacement grow(float by = 0) { P += by * normalize(N); N = calculatenormal(P); }"}});
+  Scene s(
+      "Attribute \"displacementbound\" \"sphere\" [0.2]\nDisplacement \"grow\" \"uniform float by\" "
+      "[0.1]\nSurface \"matte\"\nSphere 1 -1 1 360\n",
+      {{"grow", "displacement grow(float by = 0) { P += by * normalize(N); N = calculatenormal(P); }"}});
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask task(*s.shading);
   const Mat4 m(s.cache->skeleton().cacheToCamera(0));
@@ -255,7 +270,9 @@ TEST(ShadingSystem, DisplacementMovesGridsAndTheirNormals) {
 TEST(ShadingSystem, MissingShadersAreReplacedAndReported) {
   int reports = 0;
   setReportSink([&](const Error&) { ++reports; });
-  Scene s("LightSource \"nolight\" 1\nSurface \"nosuchsurface\"\nDisplacement \"nodisplacement\"\nSphere 1 -1 1 360\n");
+  Scene s(
+      "LightSource \"nolight\" 1\nSurface \"nosuchsurface\"\nDisplacement \"nodisplacement\"\nSphere 1 -1 1 "
+      "360\n");
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask task(*s.shading);
   s.forEachGrid([&](const cache::GridRecord& g) {
@@ -286,9 +303,11 @@ TEST(ShadingSystem, AtmosphereFollowsTheSurface) {
 }
 
 TEST(ShadingSystem, BumpMappingChangesNormalsAlone) {
-  Scene s("Displacement \"tilt\"\nSurface \"normals\"\nPatch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0]\n",
-          {{"tilt", "displacement tilt() { N = normalize(calculatenormal(P + vector(0, 0, 0.5 * u))); }"},
-           {"normals", "surface normals() { Ci = color(N); Oi = 1; }"}});
+  Scene s(
+      "Displacement \"tilt\"\nSurface \"normals\"\nPatch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 "
+      "0]\n",
+      {{"tilt", "displacement tilt() { N = normalize(calculatenormal(P + vector(0, 0, 0.5 * u))); }"},
+       {"normals", "surface normals() { Ci = color(N); Oi = 1; }"}});
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask task(*s.shading);
   s.forEachGrid([&](const cache::GridRecord& g) {
@@ -312,8 +331,10 @@ TEST(ShadingSystem, DenseMeshesShadeAsMeshlets) {
       counts += "3 3 ";
       indices += fmt::format("{} {} {} {} {} {} ", a, b, d, a, d, c);
     }
-  Scene s("Surface \"slopes\"\nPointsPolygons [" + counts + "] [" + indices + "] \"P\" [" + points + "]\n",
-          {{"slopes", "surface slopes() { Ci = color(length(normalize(N)), length(Du(P) - dPdu), area(P)); Oi = 1; }"}});
+  Scene s(
+      "Surface \"slopes\"\nPointsPolygons [" + counts + "] [" + indices + "] \"P\" [" + points + "]\n",
+      {{"slopes",
+        "surface slopes() { Ci = color(length(normalize(N)), length(Du(P) - dPdu), area(P)); Oi = 1; }"}});
   s.shading->loadShaders(cache::kForReyes);
   ShadeTask task(*s.shading);
   size_t vertices = 0;

@@ -9,13 +9,15 @@ void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes,
   s.resize(lanes);
   const uint32_t row = nu + 1;
   for (uint32_t i = 0; i < lanes; ++i) s.uLo[i] = s.uHi[i] = s.vLo[i] = s.vHi[i] = uint16_t(i);
-  // Neighbours in [0, n] of x, `stride` lanes apart, and one over their distance in the parameter. Where vertices of a
-  // border stand on one another the next ones are taken.
-  const auto pick = [](uint32_t i, uint32_t x, uint32_t n, uint32_t stride, float cell, const float* parameter,
-                       uint16_t& lo, uint16_t& hi) {
+  // Neighbours in [0, n] of x, `stride` lanes apart, and one over their distance in the parameter. Where
+  // vertices of a border stand on one another the next ones are taken.
+  const auto pick = [](uint32_t i, uint32_t x, uint32_t n, uint32_t stride, float cell,
+                       const float* parameter, uint16_t& lo, uint16_t& hi) {
     uint32_t a = x > 0 ? x - 1 : x, b = x < n ? x + 1 : x;
     const auto lane = [&](uint32_t k) { return i + k * stride - x * stride; };
-    const auto step = [&] { return parameter ? parameter[lane(b)] - parameter[lane(a)] : float(b - a) * cell; };
+    const auto step = [&] {
+      return parameter ? parameter[lane(b)] - parameter[lane(a)] : float(b - a) * cell;
+    };
     while (std::fabs(step()) < 0.5f * std::fabs(cell) && (a > 0 || b < n)) {
       if (b < n) ++b;
       if (a > 0) --a;
