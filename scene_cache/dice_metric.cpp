@@ -24,6 +24,19 @@ DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera) {
       std::abs(double(camera.screenWindow[3]) - camera.screenWindow[2]) / std::max(1, camera.resolution[1]);
   e.pixel = std::sqrt(px * py) * tangent;
   if (!(e.pixel > 0) || !std::isfinite(e.pixel)) e.pixel = 1e-3;
+  if (e.perspective) {
+    const auto largest = [](float a, float b) { return double(std::max(std::abs(a), std::abs(b))); };
+    const double x = largest(camera.screenWindow[0], camera.screenWindow[1]) * tangent;
+    const double y = largest(camera.screenWindow[2], camera.screenWindow[3]) * tangent;
+    e.cone = std::atan(std::sqrt(x * x + y * y)) * 1.05;  // a margin for filters and displacement
+    const DVec3 forward = glm::transpose(DMat3(cacheToCamera)) * DVec3(0, 0, 1);
+    const double length = glm::length(forward);
+    if (length > 0 && std::isfinite(length) && std::isfinite(e.cone)) {
+      e.axis = forward / length;
+    } else {
+      e.cone = 3.2;
+    }
+  }
   // A near plane of almost nothing must not ask for infinitely fine grids around the eye.
   e.nearDistance = std::max(double(camera.clipping[0]), 1e-6) / unit;
   if (!std::isfinite(e.nearDistance)) e.nearDistance = 1e-6;
@@ -34,6 +47,8 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   DiceRate r;
   r.eye = Vec3(eye.position);
   r.perspective = eye.perspective;
+  r.axis = Vec3(eye.axis);
+  r.cone = float(eye.cone);
   const double nearest = std::max(eye.nearDistance, 1e-15);
   r.nearSquared = float(nearest * nearest);
   const double shadingRate = a.shadingRate > 0 && std::isfinite(a.shadingRate) ? a.shadingRate : 1.0;
@@ -58,7 +73,26 @@ float DiceRate::segment(Vec3 a, Vec3 b) const {
   const float t = square > 0 ? std::clamp(glm::dot(e, d) / square, 0.0f, 1.0f) : 0.0f;
   const Vec3 nearest = e - d * t;
   const float distance = std::max(glm::dot(nearest, nearest), nearSquared);
-  return std::sqrt(square / distance) * scale;
+  return std::sqrt(square / distance) * scale * viewWeight(a - eye, b - eye);
+}
+
+float DiceRate::viewWeight(Vec3 a, Vec3 b) const {
+  constexpr float kLeast = 0.25f;
+  // The largest cosine to the axis along a + t (b - a): at an end, or where its derivative vanishes.
+  const Vec3 d = b - a;
+  const float a0 = glm::dot(a, axis), a1 = glm::dot(d, axis);
+  const float b0 = glm::dot(a, a), b1 = glm::dot(a, d), b2 = glm::dot(d, d);
+  const auto cosineAt = [&](float t) {
+    const Vec3 p = a + d * t;
+    const float square = glm::dot(p, p);
+    return square > nearSquared ? glm::dot(p, axis) / std::sqrt(square) : 1.0f;
+  };
+  float cosine = std::max(cosineAt(0), cosineAt(1));
+  const float denominator = a0 * b2 - a1 * b1;
+  const float t = denominator != 0 ? (a1 * b0 - a0 * b1) / denominator : 0.0f;
+  if (t > 0 && t < 1) cosine = std::max(cosine, cosineAt(t));
+  const float outside = std::acos(std::clamp(cosine, -1.0f, 1.0f)) - cone;
+  return outside > 0 ? std::max(kLeast, 1 / (1 + 3 * outside / cone)) : 1.0f;
 }
 
 float DiceRate::curve(const float* x, const float* y, const float* z, size_t stride) const {

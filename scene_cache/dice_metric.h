@@ -1,5 +1,6 @@
-// How finely curves are diced: size over distance, never direction, so that a grid does not depend on who
-// asks for it.
+// How finely curves are diced: size over distance, whatever the curve's direction, so that a grid does not
+// depend on who asks for it. What lies outside the camera's cone is seen by rays alone and is rated coarser,
+// gradually, down to a quarter: a narrow view would otherwise dice many times its own area around the eye.
 #pragma once
 
 #include "base/math.h"
@@ -13,6 +14,8 @@ struct DiceEye {
   bool perspective = true;
   double pixel = 1e-3;         // edge of a pixel in world units, at distance 1 (orthographic: everywhere)
   double nearDistance = 1e-3;  // distances count as at least this
+  DVec3 axis{0, 0, 1};         // where it looks, unit
+  double cone = 3.2;           // half angle of the cone around the frustum, radians; above pi: sees everything
 };
 /// cacheToCamera at shutter open.
 DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
@@ -28,6 +31,8 @@ struct DiceRate {
   bool perspective = true;
   float nearSquared = 0;
   float scale = 1;       // micropolygons = length / distance * scale
+  Vec3 axis{0, 0, 1};    // of the camera's cone
+  float cone = 3.2f;     // its half angle
   bool polygon = false;  // kUndicedEdge applies
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
@@ -37,6 +42,9 @@ struct DiceRate {
   /// Metric of a curve from its kMetricSteps + 1 points: the largest piece times the number of pieces.
   /// Symmetric.
   float curve(const float* x, const float* y, const float* z, size_t stride = 1) const;
+  /// Factor of the metric: 1 where the segment comes into the camera's cone, less outside. a and b relative
+  /// to the eye.
+  float viewWeight(Vec3 a, Vec3 b) const;
   /// Segments of an edge with this metric, as a power of two; may be above kMaxGridLog2.
   int log2Segments(float metric) const;
 };

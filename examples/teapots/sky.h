@@ -6,8 +6,8 @@ color sky(vector dir) {
   color zenith = color(0.16, 0.30, 0.62);
   color ground = color(0.22, 0.20, 0.18);
   color c = mix(horizon, zenith, smoothstep(0, 0.8, h));
-  c = mix(c, ground, smoothstep(0.02, -0.05, h));
+  c = mix(c, ground, 1 - smoothstep(-0.05, 0.02, h));
   /* a soft box light overhead gives glass and chrome something to show */
-  float box = smoothstep(0.80, 0.83, h) * smoothstep(0.30, 0.27, abs(xcomp(d)));
+  float box = smoothstep(0.80, 0.83, h) * (1 - smoothstep(0.27, 0.30, abs(xcomp(d))));
   return c + 2.2 * box * color(1, 0.97, 0.9);
 }
