@@ -53,17 +53,19 @@ int main(int argc, char** argv) {
     const double spent = seconds() - before;
     const auto s = cache.statistics();
     const double n = double(std::max<uint64_t>(1, t.micropolygons));
-    fmt::print("read and built      {:10.3f} s, of which the world {:.3f} s\n", built - start, frame.counts().seconds);
+    fmt::print("read and built      {:10.3f} s, of which the world {:.3f} s\n", built - start,
+               frame.counts().seconds);
     fmt::print("root patches        {:10}\n", roots);
     fmt::print("splits              {:10}\n", t.splits);
     fmt::print("grids, meshlets     {:10} {}\n", t.grids, t.meshlets);
     fmt::print("absent              {:10}\n", t.absent);
     fmt::print("micropolygons       {:10}  ({:.1f} a grid)\n", t.micropolygons,
                n / double(std::max<uint64_t>(1, t.grids + t.meshlets)));
-    fmt::print("dicing              {:10.3f} s, {:.2f} million micropolygons a second\n", spent, n / spent * 1e-6);
+    fmt::print("dicing              {:10.3f} s, {:.2f} million micropolygons a second\n", spent,
+               n / spent * 1e-6);
     fmt::print("bytes a micropolygon{:10.2f} = grids {:.2f} + nodes {:.2f} + skeleton {:.2f}\n",
-               double(s.arenaBytes + s.nodeBytes + s.skeletonBytes) / n, double(s.arenaBytes) / n, double(s.nodeBytes) / n,
-               double(s.skeletonBytes) / n);
+               double(s.arenaBytes + s.nodeBytes + s.skeletonBytes) / n, double(s.arenaBytes) / n,
+               double(s.nodeBytes) / n, double(s.skeletonBytes) / n);
     return false;
   });
   if (!loaded) {

@@ -42,6 +42,39 @@ Faces facesOf(const ri::Primitive& p, size_t points) {
   return f;
 }
 
+/// Meshes of fewer faces keep the ordinary threshold.
+constexpr size_t kDenseFaces = 1000;
+
+/// What dense meshes take for a short edge: the least of a few thresholds that makes nearly all faces small.
+/// Looks at a sample.
+float undicedEdgeOf(const Faces& f, std::span<const Vec3> points, std::span<const uint8_t> good,
+                    const DiceRate& rate) {
+  if (!f.loops.empty() || f.vertices.empty()) return kUndicedEdge;
+  constexpr size_t kSample = 20000;
+  const size_t step = f.faceCount / kSample + 1;
+  std::vector<float> longest;
+  size_t corner = 0;
+  for (size_t face = 0; face < f.faceCount; ++face) {
+    const size_t n = size_t(std::max(0, f.sizes[face]));
+    const size_t first = corner;
+    corner += n;
+    if (face % step != 0 || corner > f.vertices.size()) continue;
+    float most = 0;
+    for (size_t i = 0; i < n; ++i) {
+      const size_t a = size_t(f.vertices[first + i]), b = size_t(f.vertices[first + (i + 1) % n]);
+      if (good[a] && good[b]) most = std::max(most, rate.segment(points[a], points[b]));
+    }
+    longest.push_back(most);
+  }
+  if (longest.empty()) return kUndicedEdge;
+  const auto nearlyAll = longest.begin() + ptrdiff_t(longest.size() * 98 / 100);
+  std::nth_element(longest.begin(), nearlyAll, longest.end());
+  for (const float edge : {kUndicedEdge, 2.0f, 3.0f, 4.0f, kMostUndicedEdge}) {
+    if (*nearlyAll <= edge) return edge;
+  }
+  return kUndicedEdge;
+}
+
 /// Corners with equal facevarying values at the same vertex become one, so that meshlets share their
 /// vertices.
 std::vector<uint32_t> mergeCorners(const ri::ParamList& params, const Faces& faces, size_t corners,
@@ -126,6 +159,17 @@ Result<void> addPolygons(Adding& a) {
   const size_t pointCount = keys[0].size() / 3;
   const Faces faces = facesOf(*a.desc.primitive, pointCount);
 
+  size_t cornerCount = 0;
+  for (const int n : faces.sizes) cornerCount += size_t(std::max(0, n));
+  if (!faces.vertices.empty() && faces.vertices.size() < cornerCount) {
+    return a.error(RiError::kConsistency,
+                   fmt::format("{} vertex indices, {} are needed", faces.vertices.size(), cornerCount));
+  }
+  for (const int v : faces.vertices) {
+    if (v < 0 || size_t(v) >= pointCount)
+      return a.error(RiError::kRange, fmt::format("vertex index {} of {}", v, pointCount));
+  }
+
   // Cache-space points at every grid key, exactly as dicing computes them.
   std::vector<std::vector<Vec3>> points(a.toCache.size(), std::vector<Vec3>(pointCount));
   std::vector<uint8_t> good(pointCount, 1);
@@ -147,31 +191,25 @@ Result<void> addPolygons(Adding& a) {
       cacheToCamera = interpolateMotion(camera.times, camera.matrices, a.writer.camera().shutter[0]);
     cacheToCamera[3] = cacheToCamera * DVec4(a.writer.cacheOrigin(), 1.0);
   }
-  const DiceRate rate = diceRate(diceEye(a.writer.camera(), cacheToCamera),
-                                 a.writer.attributes(a.desc.attributes), PrimitiveType::kMeshlets);
+  DiceRate rate = diceRate(diceEye(a.writer.camera(), cacheToCamera), a.writer.attributes(a.desc.attributes),
+                           PrimitiveType::kMeshlets);
   const std::vector<Vec3>& P = points[0];
+  // Scans and film assets come in faces of about a pixel, some a little larger. A few grids for these would
+  // outweigh all meshlets: when nearly all faces are small, what counts as small stretches a little.
+  if (faces.faceCount >= kDenseFaces) rate.undicedEdge = undicedEdgeOf(faces, P, good, rate);
+  const float undiced = rate.undicedEdge;
   const auto isShort = [&](uint32_t i, uint32_t j) {
     // The straight length is never less than the sampled metric, but for rounding.
-    if (rate.segment(P[i], P[j]) < kUndicedEdge * 0.999f) return true;
+    if (rate.segment(P[i], P[j]) < undiced * 0.999f) return true;
     float x[9], y[9], z[9];
     for (int k = 0; k <= kMetricSteps; ++k) {
       const float t = float(k) / kMetricSteps, s = 1 - t;
       x[k] = s * P[i].x + t * P[j].x, y[k] = s * P[i].y + t * P[j].y, z[k] = s * P[i].z + t * P[j].z;
     }
-    return rate.curve(x, y, z) <= kUndicedEdge;
+    return rate.curve(x, y, z) <= undiced;
   };
 
-  size_t cornerCount = 0;
-  for (const int n : faces.sizes) cornerCount += size_t(std::max(0, n));
-  if (!faces.vertices.empty() && faces.vertices.size() < cornerCount) {
-    return a.error(RiError::kConsistency,
-                   fmt::format("{} vertex indices, {} are needed", faces.vertices.size(), cornerCount));
-  }
   bool faceVarying = false;
-  for (const int v : faces.vertices) {
-    if (v < 0 || size_t(v) >= pointCount)
-      return a.error(RiError::kRange, fmt::format("vertex index {} of {}", v, pointCount));
-  }
   const std::vector<uint32_t> merged = mergeCorners(params, faces, cornerCount, pointCount, &faceVarying);
   bool uniform = false;
   for (const ri::Param& p : params) {
@@ -186,7 +224,7 @@ Result<void> addPolygons(Adding& a) {
   for (size_t f = 0; f < faces.faceCount; ++f) {
     const size_t loops = faces.loops.empty() ? 1 : size_t(std::max(0, faces.loops[f]));
     vertex.clear(), corners.clear(), sizes.clear();
-    bool finite = true, undiced = true;
+    bool finite = true, whole = true;
     for (size_t l = 0; l < loops && loop < faces.sizes.size(); ++l, ++loop) {
       const uint32_t n = uint32_t(std::max(0, faces.sizes[loop]));
       sizes.push_back(n);
@@ -199,8 +237,8 @@ Result<void> addPolygons(Adding& a) {
         corners.push_back(faceVarying ? merged[corner] : uint32_t(corner));
         finite = finite && good[v];
       }
-      for (uint32_t i = 0; i < n && undiced && finite; ++i)
-        undiced = isShort(vertex[first + i], vertex[first + (i + 1) % n]);
+      for (uint32_t i = 0; i < n && whole && finite; ++i)
+        whole = isShort(vertex[first + i], vertex[first + (i + 1) % n]);
     }
     if (!finite) {
       ++bad;
@@ -208,7 +246,7 @@ Result<void> addPolygons(Adding& a) {
     }
     if (vertex.size() < 3) continue;
     const auto add = [&](uint32_t i, uint32_t j, uint32_t k) {
-      if (undiced) {
+      if (whole) {
         small.push_back(
             {{vertex[i], vertex[j], vertex[k]}, {corners[i], corners[j], corners[k]}, uint32_t(f)});
       } else {
@@ -225,7 +263,7 @@ Result<void> addPolygons(Adding& a) {
     for (const uint32_t v : vertex)
       shape.emplace_back(keys[0][v * 3], keys[0][v * 3 + 1], keys[0][v * 3 + 2]);
     if (vertex.size() == 4 && sizes.size() == 1 && isPlanarConvexQuad(shape.data())) {
-      if (undiced) {
+      if (whole) {
         add(0, 1, 2), add(0, 2, 3);
       } else {
         large.push_back({{vertex[0], vertex[1], vertex[3], vertex[2]},
@@ -260,6 +298,7 @@ Result<void> addPolygons(Adding& a) {
     PolygonSource s{};
     s.positions = positions;
     s.patches = a.writer.addArray<PolygonPatch>(large);
+    s.undicedEdge = undiced;
     ObjectRecord o = a.object(PrimitiveType::kBilinearPatches, params);
     o.source = a.record(s);
     a.finish(o, bounds);

@@ -103,7 +103,6 @@ void SceneCache::Impl::deriveFrom(const Skeleton& skeleton) {
   const CameraRecord& camera = skeleton.camera();
   const DMat4 m = skeleton.cacheToCamera(camera.shutter[0]);
   eye = diceEye(camera, m);
-  mirrored = isMirrored(m);
   subdivisions = std::make_unique<SubdivisionStore>(skeleton);
 }
 

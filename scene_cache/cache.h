@@ -1,11 +1,12 @@
 // The scene cache as its users see it: objects, patches, and grids diced on first need.
 //
-// Both of our processes hold a SceneCache over the same three segments (format.h). All positions are in cache space:
-// world space minus a double-precision origin near the camera, as floats.
+// Both of our processes hold a SceneCache over the same three segments (format.h). All positions are in cache
+// space: world space minus a double-precision origin near the camera, as floats.
 //
-// A patch is addressed by (NodeId, cell, u, v): for surface patches u and v are the parameters of the *root* patch,
-// in [0,1], and cell is unused; for meshlets cell is the triangle and (u,v) its barycentric coordinates:
-// P = (1-u-v) A + u B + v C. One function, evaluateSurface(), gives the attributes of such an address to both renderers.
+// A patch is addressed by (NodeId, cell, u, v): for surface patches u and v are the parameters of the *root*
+// patch, in [0,1], and cell is unused; for meshlets cell is the triangle and (u,v) its barycentric
+// coordinates: P = (1-u-v) A + u B + v C. One function, evaluateSurface(), gives the attributes of such an
+// address to both renderers.
 #pragma once
 
 #include <memory>
@@ -17,17 +18,19 @@
 
 namespace fr::cache {
 
-/// Hash of the sizes and member offsets of every record in format.h: two builds that disagree refuse each other.
+/// Hash of the sizes and member offsets of every record in format.h: two builds that disagree refuse each
+/// other.
 uint64_t layoutFingerprint();
 /// What SkeletonHeader::checksum holds in a file: XXH3-64 of everything after the header.
 uint64_t skeletonChecksum(std::span<const std::byte> skeleton);
 
-/// A validated, read-only skeleton. Cheap to copy; does not own the bytes. All spans have been checked once, by
-/// open(); indices found inside records (AttributeId, ShaderId, ...) are in range or kNone. Thread-safe.
+/// A validated, read-only skeleton. Cheap to copy; does not own the bytes. All spans have been checked once,
+/// by open(); indices found inside records (AttributeId, ShaderId, ...) are in range or kNone. Thread-safe.
 class Skeleton {
  public:
   Skeleton() = default;
-  /// Checks everything: magic, version, layout, sizes, every range and index, and the checksum when `verifyChecksum`.
+  /// Checks everything: magic, version, layout, sizes, every range and index, and the checksum when
+  /// `verifyChecksum`.
   static Result<Skeleton> open(std::span<const std::byte> bytes, bool verifyChecksum);
 
   const SkeletonHeader& header() const { return *header_; }
@@ -47,7 +50,7 @@ class Skeleton {
   /// Five ":"-separated lists: shader, texture, archive, procedural, display. May be empty.
   std::span<const StringId> searchPaths() const;
   std::string_view string(StringId id) const;
-  std::span<const float> floats(const ParamRecord& p) const;      // empty for other types
+  std::span<const float> floats(const ParamRecord& p) const;  // empty for other types
   std::span<const int32_t> integers(const ParamRecord& p) const;
   std::span<const StringId> strings(const ParamRecord& p) const;
   /// A named param in a slice (Option or Attribute "category:name", shader parameter), or nullptr.
@@ -71,24 +74,25 @@ class Displacer {
   virtual ~Displacer() = default;
   /// True when the object's displacement shader exists and can move points.
   virtual bool displaces(ObjectId object) const = 0;
-  /// Moves n points of `node`. P and N: three arrays of n floats each, cache space, in and out. (u, v, cell) as in
-  /// evaluateSurface. gridNu, gridNv: cells when the points are a grid in row order, 0 otherwise.
-  virtual void displace(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v, int gridNu,
-                        int gridNv, float* const P[3], float* const N[3]) = 0;
+  /// Moves n points of `node`. P and N: three arrays of n floats each, cache space, in and out. (u, v, cell)
+  /// as in evaluateSurface. gridNu, gridNv: cells when the points are a grid in row order, 0 otherwise.
+  virtual void displace(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
+                        int gridNu, int gridNv, float* const P[3], float* const N[3]) = 0;
 };
 
 /// Where to put the attributes of n surface points: structure of arrays, each n floats; nullptr = not wanted.
 struct SurfaceOut {
   float* P[3] = {};
-  float* N[3] = {};     // unit shading normal: "N" primitive variable where given, else the surface's; oriented
-  float* Ng[3] = {};    // unit geometric normal, oriented as N is
+  float* N[3] = {};   // unit shading normal: "N" primitive variable where given, else the surface's; oriented
+  float* Ng[3] = {};  // unit geometric normal, oriented as N is
   float* dPdu[3] = {};  // per unit of the shader's u (root patch parameter)
   float* dPdv[3] = {};
 };
 
 /// What a node is once it was needed.
 struct ResolvedNode {
-  NodeState state = NodeState::kEmpty;  // kGrid or kSplit; kEmpty: could not be made (reported), treat as absent
+  NodeState state =
+      NodeState::kEmpty;  // kGrid or kSplit; kEmpty: could not be made (reported), treat as absent
   NodeId children[2] = {kNone, kNone};  // kSplit
   const GridRecord* grid = nullptr;     // kGrid; checked against the arena's bounds
 };
@@ -120,12 +124,13 @@ class SceneCache {
   SceneCache(const SceneCache&) = delete;
   SceneCache& operator=(const SceneCache&) = delete;
 
-  /// Makes empty nodes and arena segments beside a finished skeleton (a memfd; the cache takes its own duplicate).
+  /// Makes empty nodes and arena segments beside a finished skeleton (a memfd; the cache takes its own
+  /// duplicate).
   static Result<std::unique_ptr<SceneCache>> create(int skeletonFd);
   /// Maps segments made by another process. readOnly: third-party clients; resolve() then never dices.
   static Result<std::unique_ptr<SceneCache>> attach(const Segments& fds, bool readOnly);
-  /// Opens a .fsc file (validated, checksums included); grids that it lacks are diced on demand into private arena
-  /// space. save() writes one: temporary name, then rename.
+  /// Opens a .fsc file (validated, checksums included); grids that it lacks are diced on demand into private
+  /// arena space. save() writes one: temporary name, then rename.
   static Result<std::unique_ptr<SceneCache>> openFile(const std::string& path);
   Result<void> save(const std::string& path);
   Segments segments() const;
@@ -146,26 +151,29 @@ class SceneCache {
   /// Start and size of the arena mapping, for Embree's shared vertex buffers. The address never changes.
   std::span<const std::byte> arena() const;
 
-  /// Parameters of the vertices of a diced node, in vertex order (grids: row by row, u fastest). For meshlets cell = kNone | u =
-  /// vertex index is replaced by a representative (triangle, u, v). Arrays of view.vertexCount() elements.
+  /// Parameters of the vertices of a diced node, in vertex order (grids: row by row, u fastest). For meshlets
+  /// cell = kNone | u = vertex index is replaced by a representative (triangle, u, v). Arrays of
+  /// view.vertexCount() elements.
   void vertexParameters(const GridRecord& grid, uint32_t* cell, float* u, float* v) const;
 
   /// Undisplaced surface at n addresses of `node`. cell may be nullptr for surface patches.
   void evaluateSurface(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
                        const SurfaceOut& out) const;
-  /// Surface as diced (displaced, level 0): P interpolated inside the level-0 grid, N interpolated from stored
-  /// normals when there are any, else as evaluateSurface. `node` must be a diced grid.
+  /// Surface as diced (displaced, level 0): P interpolated inside the level-0 grid, N interpolated from
+  /// stored normals when there are any, else as evaluateSurface. `node` must be a diced grid.
   void evaluateDiced(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
                      const SurfaceOut& out) const;
-  /// Primitive variable `param` (one of the object's primvars) at n addresses. components = floats per element times
-  /// array length; out[c] is the array of component c. Points, vectors, normals: still in object space. Strings and
-  /// integers: constant or uniform only, see uniformParam(). Returns false when the type cannot be evaluated.
+  /// Primitive variable `param` (one of the object's primvars) at n addresses. components = floats per
+  /// element times array length; out[c] is the array of component c. Points, vectors, normals: still in
+  /// object space. Strings and integers: constant or uniform only, see uniformParam(). Returns false when the
+  /// type cannot be evaluated.
   bool evaluatePrimvar(NodeId node, const ParamRecord& param, size_t n, const uint32_t* cell, const float* u,
                        const float* v, float* const* out) const;
-  /// Shader-visible u, v, s, t at n addresses: u and v of the primitive (PatchMesh: of the whole mesh), s and t from
-  /// "st"/"s"/"t" primitive variables, else TextureCoordinates. du, dv: parameter size of one cell when diced.
-  void evaluateParameters(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v, float* uOut,
-                          float* vOut, float* s, float* t) const;
+  /// Shader-visible u, v, s, t at n addresses: u and v of the primitive (PatchMesh: of the whole mesh), s and
+  /// t from "st"/"s"/"t" primitive variables, else TextureCoordinates. du, dv: parameter size of one cell
+  /// when diced.
+  void evaluateParameters(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
+                          float* uOut, float* vOut, float* s, float* t) const;
 
   CacheStatistics statistics() const;
 

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/primvar.h"
 
 namespace fr::cache {
 namespace {
@@ -144,7 +145,12 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const NodeRect& rect = path.back();
   const float* shutter = skeleton.camera().shutter;
   const int keys = gridKeyCount(skeleton, object);
-  const DiceRate rate = diceRate(eye, attributes, object.type);
+  DiceRate rate = diceRate(eye, attributes, object.type);
+  if (isPolygon(object)) {
+    const auto* source = sourceRecord<PolygonSource>(skeleton, object);
+    if (source && source->undicedEdge >= 1 && source->undicedEdge <= kMostUndicedEdge)
+      rate.undicedEdge = source->undicedEdge;
+  }
   DiceSurfaces first;
   if (!prepare(skeleton, n.root, gridKeyTime(0, keys, shutter), true, &first)) {
     Error e = makeError(RiError::kBadFile, "the data of this primitive are damaged; it stays empty");

@@ -63,7 +63,7 @@ void SceneCache::Impl::surfaceNormals(const Skeleton& s, NodeId root, float time
                                       float* const* Ng) const {
   const RootPatchRecord& patch = s.rootPatches()[root];
   const ObjectRecord& object = s.objects()[patch.object];
-  const float sign = normalSign(s.attributes()[object.attributes], mirrored);
+  const float sign = normalSign(s.attributes()[object.attributes]);
   float* const* first = Ng ? Ng : N;
   if (object.type == PrimitiveType::kMeshlets) {
     MeshletPoints m;
@@ -170,7 +170,7 @@ void SceneCache::evaluateDiced(NodeId id, size_t n, const uint32_t* cell, const 
     evaluateSurface(id, n, cell, u, v, smooth);
   if (!displaced && !out.P[0]) return;
 
-  const float sign = normalSign(attributesOf(id), impl_->mirrored);
+  const float sign = normalSign(attributesOf(id));
   const PatchNode& place = node(id);
   const double scaleU = std::ldexp(double(g->nu), place.du), scaleV = std::ldexp(double(g->nv), place.dv);
   for (size_t i = 0; i < n; ++i) {

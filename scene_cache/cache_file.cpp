@@ -120,7 +120,7 @@ Result<void> SceneCache::save(const std::string& path) {
       std::memcpy(nodes.data() + at, &word, 8);
     }
   }
-  const uint64_t arenaBytes = std::min(d.arena.header().top.load(), d.arena.header().allocatedBytes.load());
+  const uint64_t arenaBytes = d.arena.header().top.load();
   if (!d.arena.at(0, arenaBytes)) return damaged(path, "the grids are shorter than they say");
 
   h.skeleton = {pageUp(sizeof(FileHeader)), d.skeletonSize, 0};
@@ -195,7 +195,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path
     to.fd = memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING);
     if (to.fd < 0) return fileError(path, "cannot make shared memory", errno);
     if (p.bytes > 0) {
-      if (const int e = posix_fallocate(to.fd, 0, off_t((p.bytes + kPage - 1) / kPage * kPage))) {
+      if (const int e = posix_fallocate(to.fd, 0, off_t((p.bytes + 2 * kPage - 1) / kPage * kPage))) {
         return fileError(path, "no memory for the scene cache", e);
       }
     }
@@ -225,8 +225,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path
     const uint64_t bytes = part.bytes;
     if (bytes < kStoreHeaderBytes) return damaged(path, "a part is too short");
     const int e1 = writeAll(fd, &bytes, 8, offsetof(StoreHeader, top));
-    const int e2 = writeAll(fd, &bytes, 8, offsetof(StoreHeader, allocatedBytes));
-    if (e1 || e2) return fileError(path, "cannot prepare the scene cache", e1 ? e1 : e2);
+    if (e1) return fileError(path, "cannot prepare the scene cache", e1);
     fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK);
   }
   auto c = attach({skeleton.fd, nodes.fd, arena.fd}, false);

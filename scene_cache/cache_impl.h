@@ -58,7 +58,6 @@ struct SceneCache::Impl {
 
   // ---- derived
   DiceEye eye;
-  bool mirrored = false;  // world to camera swaps handedness
   std::unique_ptr<SubdivisionStore> subdivisions;
 
   std::atomic<uint64_t> gridsDiced{0}, micropolygonsDiced{0}, nodesSplit{0}, claimsTakenOver{0},
@@ -91,9 +90,9 @@ struct SceneCache::Impl {
                 GridRecord& record, const uint32_t* cell, const float* u, const float* v);
 };
 
-/// N points towards the outside: sign to apply to dPdu x dPdv in cache space.
-inline float normalSign(const AttributeRecord& a, bool mirrored) {
-  return ((a.flags & kReverseOrientation) != 0) != mirrored ? -1.0f : 1.0f;
+/// Sign to apply to dPdu x dPdv in cache space.
+inline float normalSign(const AttributeRecord& a) {
+  return (a.flags & kReverseInCacheSpace) != 0 ? -1.0f : 1.0f;
 }
 
 /// Vertices of a meshlet's source, with indices clamped to what exists.

@@ -57,7 +57,8 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   const double multiplier =
       std::clamp(std::isfinite(a.patchMultiplier) ? double(a.patchMultiplier) : 1.0, 1.0, 64.0);
   r.scale = float(multiplier / side);
-  r.polygon = type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets;
+  if (type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets)
+    r.undicedEdge = kUndicedEdge;
   if (type <= PrimitiveType::kTorus) r.leastLog2 = 2;
   return r;
 }
@@ -108,7 +109,7 @@ float DiceRate::curve(const float* x, const float* y, const float* z, size_t str
 }
 
 int DiceRate::log2Segments(float metric) const {
-  if (!(metric > (polygon ? kUndicedEdge : 1.0f))) return leastLog2;
+  if (!(metric > undicedEdge)) return leastLog2;
   int e = std::max(1, leastLog2);
   while (e < 30 && float(1u << e) < metric) ++e;
   return e;

@@ -22,18 +22,22 @@ DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
 
 /// Steps of a curve's sampling: 8 equal parameter steps.
 inline constexpr int kMetricSteps = 8;
-/// Faces whose edges are no longer than this, in micropolygons, are not diced; edges of polygons likewise.
+/// Edges of polygons that are no longer than this, in micropolygons, are not diced: straight edges need no
+/// more points, and faces of such edges alone go into meshlets. Meshes of many faces choose their own
+/// (PolygonSource::undicedEdge).
 inline constexpr float kUndicedEdge = 1.5f;
+/// The longest that a mesh may choose.
+inline constexpr float kMostUndicedEdge = 5.0f;
 
 /// Everything that turns lengths into micropolygons for one object.
 struct DiceRate {
   Vec3 eye{0};
   bool perspective = true;
   float nearSquared = 0;
-  float scale = 1;       // micropolygons = length / distance * scale
-  Vec3 axis{0, 0, 1};    // of the camera's cone
-  float cone = 3.2f;     // its half angle
-  bool polygon = false;  // kUndicedEdge applies
+  float scale = 1;        // micropolygons = length / distance * scale
+  Vec3 axis{0, 0, 1};     // of the camera's cone
+  float cone = 3.2f;      // its half angle
+  float undicedEdge = 1;  // an edge up to this many micropolygons stays whole
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
 

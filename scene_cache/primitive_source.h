@@ -51,6 +51,9 @@ struct PolygonPatch {
 struct PolygonSource {
   SourcePositions positions;
   Range patches;  // PolygonPatch, one a root patch
+  float
+      undicedEdge;  // micropolygons: edges up to this length stay whole, as in the meshlets of the same mesh
+  uint32_t pad;
 };
 
 /// A cluster of small faces.

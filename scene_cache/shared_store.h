@@ -1,17 +1,12 @@
-// A memory file that several processes append to: nodes and grids live in one each.
-//
-// Thread safety: allocate() and the accessors may be called from any thread of any process that maps the
-// store. Invariants: bytes [0, allocatedBytes) are really allocated; top <= allocatedBytes once allocate()
-// has returned; the mapping's address never changes; the file never shrinks (sealed).
+// A growing segment that several processes append to: nodes and grids live in one each.
 #pragma once
 
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
-#include <span>
 
 #include "base/error.h"
+#include "shm/segment.h"
 
 namespace fr::cache {
 
@@ -24,52 +19,39 @@ struct StoreHeader {
   uint32_t byteOrder;
   uint64_t layout;  // layoutFingerprint()
   std::atomic<uint64_t>
-      top;  // bytes handed out; SYNC: relaxed, a block's contents are published by node states
-  std::atomic<uint64_t>
-      allocatedBytes;  // bytes of file that exist; release after fallocate, acquire before use
+      top;  // bytes handed out. SYNC: relaxed; a block's contents are published by node states
   std::atomic<uint64_t> ownerTickets[256];  // times that each owner slot was taken (nodes only)
 };
 static_assert(sizeof(StoreHeader) <= kStoreHeaderBytes);
 static_assert(std::atomic<uint64_t>::is_always_lock_free);
 
+/// Thread safety: all members but moving, from any thread of any process that maps the store.
+/// Invariants: a block returned by allocate() is really allocated; addresses never change; the file never
+/// shrinks.
 class SharedStore {
  public:
-  SharedStore() = default;
-  SharedStore(SharedStore&& o) noexcept { *this = std::move(o); }
-  SharedStore& operator=(SharedStore&& o) noexcept;
-  ~SharedStore();
-
   static Result<SharedStore> create(const char* name, uint64_t magic);
   /// Maps a store that another process made; takes its own descriptor. kBadFile, kVersion when it is none.
   static Result<SharedStore> attach(int fd, uint64_t magic, bool readOnly);
 
-  /// `bytes` zeroed bytes at a multiple of `align` (at most kStoreHeaderBytes); their offset, 0 when memory
-  /// ran out.
+  /// `bytes` zeroed bytes at a multiple of `align` (a divisor of kStoreHeaderBytes); their offset, 0 when
+  /// memory ran out or the store is read-only.
   uint64_t allocate(uint64_t bytes, uint64_t align);
   /// Pointer to [offset, offset + bytes), or nullptr when that is not inside the allocated part.
   std::byte* at(uint64_t offset, uint64_t bytes) const {
-    if (offset > usable_.load(std::memory_order_acquire) ||
-        bytes > usable_.load(std::memory_order_relaxed) - offset) {
-      if (!refresh(offset, bytes)) return nullptr;
-    }
-    return base_ + offset;
+    const uint64_t size = segment_.size();
+    if (offset <= size && bytes <= size - offset) return segment_.data() + offset;
+    return atAfterRefresh(offset, bytes);
   }
-  StoreHeader& header() const { return *reinterpret_cast<StoreHeader*>(base_); }
-  uint64_t top() const;
-  int fd() const { return fd_; }
-  std::byte* base() const { return base_; }
-  uint64_t mappedBytes() const { return reserved_; }
-  bool readOnly() const { return readOnly_; }
+  StoreHeader& header() const { return *reinterpret_cast<StoreHeader*>(segment_.data()); }
+  std::byte* base() const { return segment_.data(); }
+  int fd() const { return segment_.valid() ? segment_.descriptor() : -1; }
+  uint64_t mappedBytes() const { return segment_.reserved(); }
 
  private:
-  bool refresh(uint64_t offset, uint64_t bytes) const;
-  bool grow(uint64_t end);
-
-  int fd_ = -1;
-  std::byte* base_ = nullptr;
-  uint64_t reserved_ = 0;
+  std::byte* atAfterRefresh(uint64_t offset, uint64_t bytes) const;
+  mutable shm::Segment segment_;  // refresh() changes only what is known of the size
   bool readOnly_ = false;
-  mutable std::atomic<uint64_t> usable_{0};  // what this process knows to exist, from fstat
 };
 
 }  // namespace fr::cache
