@@ -19,7 +19,8 @@ target_compile_options(fr_warnings INTERFACE -Wall -Wextra -Wpedantic -Wshadow -
 if(FR_WERROR)
   # GCC 12 raises these from inlined std::string code at -O3 where nothing is wrong: seen, but not fatal.
   target_compile_options(fr_warnings INTERFACE -Werror -Wno-error=restrict -Wno-error=maybe-uninitialized
-                         -Wno-error=array-bounds -Wno-error=stringop-overflow -Wno-error=stringop-overread)
+                         -Wno-error=array-bounds -Wno-error=stringop-overflow -Wno-error=stringop-overread
+                         -Wno-error=free-nonheap-object)
   # Clang does not know all of these names.
   target_compile_options(fr_warnings INTERFACE $<$<CXX_COMPILER_ID:Clang>:-Wno-unknown-warning-option>)
 endif()
