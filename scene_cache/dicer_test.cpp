@@ -67,6 +67,65 @@ TEST(Watertight, SeparateBicubicPatches) {
     expectWatertight("box", "Rotate 33 1 2 0.5\n" + bicubicBox(transpose), {1.05, 1.3, 3, 10, 100});
   }
 }
+// Closed boxes of bicubic patches with very uneven parameters: long thin cells, splits of every depth next to
+// each other.
+std::string unevenBox(uint32_t seed) {
+  const auto random = [&seed] { return double(toUnitFloat(mix32(seed += 0x9e3779b9u))); };
+  // One warp of each coordinate for all faces, so that shared edges keep their control points.
+  double warp[3][4];
+  for (auto& w : warp) {
+    w[0] = -1, w[3] = 1;
+    w[1] = -1 + 2 * random() * random(), w[2] = 1 - 2 * random() * random();
+  }
+  const double bend = random() * 3;
+  std::string rib;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int side = 0; side < 2; ++side) {
+      const bool flip = random() < 0.5, turn = random() < 0.5;
+      rib += "Patch \"bicubic\" \"P\" [";
+      for (int j = 0; j < 4; ++j) {
+        for (int i = 0; i < 4; ++i) {
+          const int a = turn ? j : i, b = turn ? i : flip ? 3 - j : j;
+          double p[3];
+          p[axis] = side ? 1 : -1, p[(axis + 1) % 3] = warp[(axis + 1) % 3][a],
+          p[(axis + 2) % 3] = warp[(axis + 2) % 3][b];
+          const double k = 1 + 0.15 * std::sin(bend * p[0] + 2 * p[1] * p[2]) + 0.1 * std::cos(3 * p[2]);
+          rib += fmt::format("{:.6f} {:.6f} {:.6f} ", p[0] * k, p[1] * k, p[2] * k);
+        }
+      }
+      rib += "]\n";
+    }
+  }
+  return rib;
+}
+TEST(Watertight, UnevenParameters) {
+  for (uint32_t seed = 1; seed <= 30; ++seed) {
+    const double turn = 360.0 * toUnitFloat(mix32(seed));
+    expectWatertight(fmt::format("uneven box {}", seed),
+                     fmt::format("Rotate {:.3f} 1 {} 0.5\n", turn, seed % 3) + unevenBox(seed),
+                     {1.25, 1.8, 4}, seed % 4 == 0 ? 0.5 : 3);
+  }
+}
+// A long edge opposite a short one: splits end on a border that keeps fewer vertices than there are splits.
+TEST(Watertight, Wedges) {
+  for (const double top : {0.003, 0.02, 0.1, 0.3}) {
+    const auto corner = [&](int k) {  // bits: x, y, z; a flat frustum, the small end off centre
+      const double s = k & 4 ? 1.0 : top;
+      return fmt::format("{:.5f} {:.5f} {} ", (k & 1 ? s : -s) + (k & 4 ? 0 : 0.2), k & 2 ? s : -s,
+                         k & 4 ? 1 : -1);
+    };
+    const int faces[6][4] = {{0, 1, 2, 3}, {5, 4, 7, 6}, {1, 0, 5, 4},
+                             {2, 3, 6, 7}, {0, 2, 4, 6}, {7, 3, 5, 1}};
+    std::string rib;
+    for (const auto& f : faces) {
+      rib += "Patch \"bilinear\" \"P\" [";
+      for (const int k : f) rib += corner(k);
+      rib += "]\n";
+    }
+    expectWatertight(fmt::format("wedge {}", top), "Rotate 20 1 1 0\n" + rib, {1.5, 3, 8, 40});
+    expectWatertight(fmt::format("wedge {}", top), "Rotate 200 1 1 0\n" + rib, {1.5, 3, 8}, 0.3);
+  }
+}
 TEST(Watertight, CoarseShadingRates) {
   for (const double rate : {0.4, 7.0, 100.0}) {
     expectWatertight("sphere", "Sphere 1 -1 1 360", {1.05, 1.5, 4}, rate);
