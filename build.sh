@@ -38,13 +38,13 @@ build() {
     cat "${TMPDIR:-/tmp}/frankenrender-configure.log" >&2
     exit 1
   }
-  cmake --build "$BUILD_DIR" -j "$JOBS"
+  cmake --build "$BUILD_DIR" -j "$JOBS" "$@"
 }
 
 case "${1:-}" in
   packages) install_packages ;;
   example)
-    build
+    build --target frankenrender rendrib scenecache slc slctell fr_display_exr fr_display_oiio
     "$BUILD_DIR/bin/frankenrender" --shm --stats examples/teapots/teapots.rib
     echo "Look at teapots.png (and teapots.exr, the same picture in floating point)."
     ;;

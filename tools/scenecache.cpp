@@ -15,6 +15,9 @@
 #include "base/log.h"
 #include "scene_cache/cache.h"
 #include "scene_cache/scene_loader.h"
+#include "shading/shader_library.h"
+#include "shading/shading_system.h"
+#include "tools/shader_folders.h"
 
 namespace {
 
@@ -122,27 +125,16 @@ Tally walkAll(SceneCache& cache, bool make, bool quiet) {
   ProgressBar bar(make && !quiet, roots);
   std::mutex mutex;
   Tally total;
-  bool skipped = false;
   tbb::parallel_for(tbb::blocked_range<uint32_t>(0, roots, 16), [&](const tbb::blocked_range<uint32_t>& r) {
     Tally part;
-    bool left = false;
     for (uint32_t id = r.begin(); id != r.end(); ++id) {
-      // Shaders are not run here: what a displacement shader moves is diced by the renderers.
-      const bool displaced = cache.attributesOf(id).displacement != kNone;
-      const Tally t = walk(cache, id, make && !displaced);
-      left = left || (make && displaced);
+      const Tally t = walk(cache, id, make);
       part += t;
       bar.step(t.micropolygons + t.triangles);
     }
     const std::lock_guard lock(mutex);
     total += part;
-    skipped = skipped || left;
   });
-  if (skipped && !quiet)
-    report({RiError::kIncapable,
-            Severity::kInfo,
-            {},
-            "surfaces with displacement shaders are left to be diced by the renderer"});
   return total;
 }
 
@@ -167,7 +159,14 @@ int build(const std::vector<std::string>& ribs, const std::string& output, std::
       failed = true;
       return false;
     }
+    ShadingSystem::Options shaders;
+    shaders.shaderPath = tools::shaderFolders({}, (*cache)->skeleton(), inputs);
+    shaders.standardShaders = standardShaderFolder();
+    ShadingSystem shading(**cache, shaders);  // displacement is part of dicing
+    shading.loadShaders(kForReyes | kForTracer);
+    (*cache)->setDisplacer(&shading.displacer());
     const Tally t = walkAll(**cache, true, quiet);
+    (*cache)->setDisplacer(nullptr);
     if (auto saved = (*cache)->save(output); !saved) {
       report(std::move(saved).error());
       failed = true;

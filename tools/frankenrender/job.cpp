@@ -16,44 +16,17 @@
 #include "shading/shading_system.h"
 #include "tools/frankenrender/frame_report.h"
 #include "tools/frankenrender/progress_bar.h"
+#include "tools/shader_folders.h"
 #include "tracer/inproc_oracle.h"
 #include "tracer/shm_oracle.h"
 
 namespace fr::tools {
 namespace {
 
-std::vector<std::string> splitPath(std::string_view list) {
-  std::vector<std::string> folders;
-  for (size_t begin = 0; begin <= list.size();) {
-    const size_t end = std::min(list.find(':', begin), list.size());
-    if (end > begin) folders.emplace_back(list.substr(begin, end - begin));
-    begin = end + 1;
-  }
-  return folders;
-}
-
-void append(std::vector<std::string>& to, const std::vector<std::string>& more) {
-  for (const std::string& m : more)
-    if (std::find(to.begin(), to.end(), m) == to.end()) to.push_back(m);
-}
-
-/// The command line, the scene's own search path (which starts from SHADERS), then the folders of the scene
-/// files.
-std::vector<std::string> shaderFolders(const CommandLine& c, const cache::Skeleton& skeleton) {
-  std::vector<std::string> folders = splitPath(c.shaderPath);
-  if (!skeleton.searchPaths().empty()) append(folders, splitPath(skeleton.string(skeleton.searchPaths()[0])));
-  append(folders, shaderPathFromEnvironment());
-  for (const cache::RibInput& input : c.inputs) {
-    const std::filesystem::path folder = std::filesystem::path(input.path).parent_path();
-    append(folders, {folder.empty() ? std::string(".") : folder.string()});
-  }
-  return folders;
-}
-
 Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameReport& report) {
   const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
   ShadingSystem::Options shadingOptions;
-  shadingOptions.shaderPath = shaderFolders(c, cache.skeleton());
+  shadingOptions.shaderPath = shaderFolders(c.shaderPath, cache.skeleton(), c.inputs);
   shadingOptions.standardShaders = standardShaderFolder();
 
   ShadingSystem shading(cache, shadingOptions);

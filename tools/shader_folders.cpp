@@ -1,0 +1,39 @@
+#include "tools/shader_folders.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "shading/shader_library.h"
+
+namespace fr::tools {
+namespace {
+
+void append(std::vector<std::string>& folders, std::string folder) {
+  if (std::find(folders.begin(), folders.end(), folder) == folders.end())
+    folders.push_back(std::move(folder));
+}
+
+void appendList(std::vector<std::string>& folders, std::string_view list) {
+  for (size_t begin = 0; begin <= list.size();) {
+    const size_t end = std::min(list.find(':', begin), list.size());
+    if (end > begin) append(folders, std::string(list.substr(begin, end - begin)));
+    begin = end + 1;
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> shaderFolders(std::string_view first, const cache::Skeleton& skeleton,
+                                       std::span<const cache::RibInput> inputs) {
+  std::vector<std::string> folders;
+  appendList(folders, first);
+  if (!skeleton.searchPaths().empty()) appendList(folders, skeleton.string(skeleton.searchPaths()[0]));
+  for (std::string& folder : shaderPathFromEnvironment()) append(folders, std::move(folder));
+  for (const cache::RibInput& input : inputs) {
+    const std::filesystem::path folder = std::filesystem::path(input.path).parent_path();
+    append(folders, folder.empty() ? std::string(".") : folder.string());
+  }
+  return folders;
+}
+
+}  // namespace fr::tools

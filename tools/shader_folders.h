@@ -1,0 +1,19 @@
+// Where the programs look for a scene's shaders.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "scene_cache/cache.h"
+#include "scene_cache/scene_loader.h"
+
+namespace fr::tools {
+
+/// In order: `first` (colon-separated), the scene's own search path, SHADERS, the folders of the scene files.
+/// Standard shaders come after all of these (ShadingSystem::Options::standardShaders).
+std::vector<std::string> shaderFolders(std::string_view first, const cache::Skeleton& skeleton,
+                                       std::span<const cache::RibInput> inputs);
+
+}  // namespace fr::tools
