@@ -87,6 +87,7 @@ StringId joinedPath(const ri::Options& o, const char* category, SkeletonWriter& 
 }  // namespace
 
 ri::Options overridden(ri::Options o, const FrameOverrides& with) {
+  for (const std::string& folder : with.shaderFolders) o.searchPaths["shader"].push_back(folder);
   if (with.resolution) {
     // A new resolution with the RIB's shape of the frame would shrink the image the user asked for.
     o.resolution = with.resolution;

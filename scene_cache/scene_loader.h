@@ -33,6 +33,8 @@ struct FrameOverrides {
   std::optional<std::array<double, 2>> pixelSamples;
   std::optional<float> shadingRate;
   std::vector<DisplayOverride> displays;  ///< not empty: replace all Display requests
+  /// Searched for shaders after all others. A .fsc remembers the folders of its RIB files in this way.
+  std::vector<std::string> shaderFolders;
 };
 
 struct LoadOptions {

@@ -7,6 +7,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -143,6 +144,11 @@ int build(const std::vector<std::string>& ribs, const std::string& output, std::
   std::vector<RibInput> inputs;
   for (const std::string& r : ribs) inputs.push_back({r});
   LoadOptions options;
+  for (const std::string& rib : ribs) {
+    std::error_code unknown;
+    const std::filesystem::path file = std::filesystem::absolute(rib, unknown);
+    if (rib != "-" && !unknown) options.overrides.shaderFolders.push_back(file.parent_path().string());
+  }
   if (frame) options.frames = std::pair(*frame, *frame);
   bool made = false, failed = false;
   int built = 0, others = 0;
