@@ -3,7 +3,7 @@
 # their own folders; programs find them relative to themselves.
 include(CMakePackageConfigHelpers)
 
-foreach(folder IN ITEMS base shm ri scene_cache shading imaging tracer reyes)
+foreach(folder IN ITEMS base shm oracle ri scene_cache shading imaging tracer reyes)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/frankenrender
           FILES_MATCHING PATTERN "*.h" PATTERN "*.def")
 endforeach()

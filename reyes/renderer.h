@@ -12,8 +12,8 @@
 
 #include "base/error.h"
 #include "imaging/film.h"
+#include "oracle/ray_oracle.h"
 #include "scene_cache/cache.h"
-#include "shading/ray_oracle.h"
 #include "shading/shading_system.h"
 
 namespace fr {

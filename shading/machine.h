@@ -8,8 +8,8 @@
 #include <deque>
 #include <span>
 
+#include "oracle/ray_query.h"
 #include "shading/frame.h"
-#include "shading/ray_query.h"
 
 namespace fr {
 

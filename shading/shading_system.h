@@ -22,8 +22,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "oracle/ray_query.h"
 #include "scene_cache/cache.h"
-#include "shading/ray_query.h"
 
 namespace fr {
 

@@ -1,7 +1,7 @@
 // The transport that is none: the thread that asks answers. The yardstick for the others.
 #pragma once
 
-#include "shading/ray_oracle.h"
+#include "oracle/ray_oracle.h"
 #include "tracer/ray_tracer.h"
 
 namespace fr::tracer {

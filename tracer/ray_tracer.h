@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "base/error.h"
-#include "shading/ray_query.h"
+#include "oracle/ray_query.h"
 #include "shading/shading_system.h"
 #include "tracer/ray_scene.h"
 

@@ -19,7 +19,7 @@
 #include <string_view>
 #include <vector>
 
-#include "shading/ray_query.h"
+#include "oracle/ray_query.h"
 #include "shm/peer.h"
 #include "tracer/ray_tracer.h"
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "oracle/ray_oracle.h"
 #include "scene_cache/cache.h"
-#include "shading/ray_oracle.h"
 #include "tracer/ray_tracer.h"
 
 namespace fr::tracer {

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "shading/ray_oracle.h"
+#include "oracle/ray_oracle.h"
 #include "tracer/ray_tracer.h"
 #include "tracer/testing/analytic_scene.h"
 

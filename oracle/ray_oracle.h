@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "base/error.h"
-#include "shading/ray_query.h"
+#include "oracle/ray_query.h"
 
 namespace fr {
 
@@ -20,7 +20,8 @@ class RayOracle {
   virtual Result<void> submit(RayQuery* q) = 0;
   /// True once the answers stand in the block.
   virtual bool answered(const RayQuery* q) const = 0;
-  /// Returns when at least one submitted, unreleased block is answered. Errors: the oracle is gone; never hangs.
+  /// Returns when at least one submitted, unreleased block is answered. Errors: the oracle is gone; never
+  /// hangs.
   virtual Result<void> wait() = 0;
   virtual void release(RayQuery* q) = 0;
 };

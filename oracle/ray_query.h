@@ -1,7 +1,7 @@
 // A batch of ray questions and the place for their answers: what travels through the rings.
 //
-// Structure of arrays. Everything spatial is in cache space (scene_cache/cache.h). Trivially copyable: it lives in shared
-// memory, and whoever reads it checks every field.
+// Structure of arrays. Everything spatial is in cache space (scene_cache/cache.h). Trivially copyable: it
+// lives in shared memory, and whoever reads it checks every field.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +25,8 @@ enum class RayKind : uint32_t {
 struct RayQuery {
   RayKind kind;
   uint32_t count;
-  uint32_t level;      // ray level of these rays: 1 for rays asked by camera-visible points
-  uint32_t label;      // StringId of the trace label, 0: none
+  uint32_t level;  // ray level of these rays: 1 for rays asked by camera-visible points
+  uint32_t label;  // StringId of the trace label, 0: none
   uint64_t reserved[6];
 
   float origin[3][kMaxRays];
@@ -34,15 +34,17 @@ struct RayQuery {
   float time[kMaxRays];          // 0..1 within the shutter
   float radius[kMaxRays];        // footprint at the origin
   float spread[kMaxRays];        // growth of the footprint's radius per unit of distance
-  float normal[3][kMaxRays];     // geometric normal (unit, oriented) at the start point; 0: does not start on a surface
-  uint32_t node[kMaxRays];       // patch the ray starts on, cache::kNone: none
+  float normal[3][kMaxRays];  // geometric normal (unit, oriented) at the start point; 0: does not start on a
+                              // surface
+  uint32_t node[kMaxRays];    // patch the ray starts on, cache::kNone: none
   uint32_t cell[kMaxRays];
   float u[kMaxRays], v[kMaxRays];
-  uint64_t seed[kMaxRays];       // path of counter-based random numbers
-  uint32_t importance[kMaxRays]; // weight as float bits; reserved for pruning
-  uint32_t point[kMaxRays];      // which point of the asking batch this ray belongs to: ShadeTask::writeRays sets it, the tracer
-                                 // uses it to find the deepest miss below each hit; 0xffffffff: all of them (one ray whose
-                                 // operands are uniform). Clients of an oracle may leave it alone
+  uint64_t seed[kMaxRays];        // path of counter-based random numbers
+  uint32_t importance[kMaxRays];  // weight as float bits; reserved for pruning
+  uint32_t
+      point[kMaxRays];  // which point of the asking batch this ray belongs to: ShadeTask::writeRays sets it,
+                        // the tracer uses it to find the deepest miss below each hit; 0xffffffff: all of them
+                        // (one ray whose operands are uniform). Clients of an oracle may leave it alone
 
   float color[3][kMaxRays];
   float hitDistance[kMaxRays];
