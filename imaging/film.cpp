@@ -100,17 +100,22 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
   }
   if (!out) out = std::make_unique<Splats>();
   out->rect = rect;
-  const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1, spp = s.samplesPerPixel;
-  const size_t entry = size_t(filteredCount_ + 1), samples = size_t(spp);
+  const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1;
+  int most = s.samplesPerPixel;
+  if (s.counts) most = *std::max_element(s.counts, s.counts + rect.area());
+  const size_t entry = size_t(filteredCount_ + 1), mostSamples = size_t(most);
   out->sums.assign(size_t(rect.area()) * size_t(columns * rows) * entry, 0.0f);
   out->minima.assign(size_t(rect.area()) * size_t(minimumCount_), std::numeric_limits<float>::infinity());
-  std::vector<float> wx(size_t(columns) * samples), wy(size_t(rows) * samples, 1.0f),
-      values(samples * entry, 1.0f);
+  std::vector<float> wx(size_t(columns) * mostSamples), wy(size_t(rows) * mostSamples, 1.0f),
+      values(mostSamples * entry, 1.0f);
   const bool separable = filter_.separable();
   float* sum = out->sums.data();
   float* minimum = out->minima.data();
+  size_t first = 0;
   for (long long pixel = 0; pixel < rect.area(); ++pixel) {
-    const size_t first = size_t(pixel) * samples;
+    const int spp = s.counts ? s.counts[pixel] : s.samplesPerPixel;
+    const size_t samples = size_t(spp);
+    const float share = s.counts ? 1.0f / float(spp) : 1.0f;
     const float *px = s.x + first, *py = s.y + first;
     size_t at = 1;
     for (size_t r = 0; r < rules_.size(); ++r) {
@@ -128,7 +133,7 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
         const auto cell = [](float p) { return size_t(std::clamp(p, 0.0f, 0.9999f) * float(kWeightSteps)); };
         const float* tx = weightsX_.data() + cell(px[i]) * size_t(columns);
         const float* ty = weightsY_.data() + cell(py[i]) * size_t(rows);
-        for (int d = 0; d < columns; ++d) wx[size_t(d) * samples + i] = tx[d];
+        for (int d = 0; d < columns; ++d) wx[size_t(d) * samples + i] = tx[d] * share;
         for (int d = 0; d < rows; ++d) wy[size_t(d) * samples + i] = ty[d];
       }
     for (int ty = 0; ty < rows; ++ty)
@@ -138,7 +143,8 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
         if (!separable) {  // the whole weight in wx, wy is 1
           for (size_t i = 0; i < samples; ++i)
             wx[i] =
-                filter_.evaluate(px[i] - (float(tx - reachX_) + 0.5f), py[i] - (float(ty - reachY_) + 0.5f));
+                filter_.evaluate(px[i] - (float(tx - reachX_) + 0.5f), py[i] - (float(ty - reachY_) + 0.5f)) *
+                share;
           weights = wx.data();
         }
         if (entry == 5)
@@ -146,6 +152,7 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
         else
           addSamples<0>(weights, others, spp, values.data(), entry, sum);
       }
+    first += samples;
   }
   return out;
 }

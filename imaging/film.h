@@ -27,6 +27,9 @@ enum class ChannelRule : uint8_t {
 /// The samples of one tile. Pixels in rows, the samples of a pixel side by side.
 struct TileSamples {
   int samplesPerPixel = 0;
+  /// Adaptive sampling: how many samples each pixel has (at least 1), in place of samplesPerPixel. Every
+  /// pixel then counts alike in the filter, however many samples stand for it.
+  const int* counts = nullptr;
   const float* x = nullptr;  // within the sample's pixel, [0, 1)
   const float* y = nullptr;
   const float* const* channels = nullptr;  // one array a channel

@@ -41,7 +41,7 @@ Image filterImage(const PixelRect& crop, const PixelFilter& filter, int tileSize
             v.push_back(f(float(px) + x.back(), float(py) + y.back()));
           }
       const float* channels[2] = {v.data(), v.data()};
-      film.addTile(tile, {spp, x.data(), y.data(), channels}, [&](FilmTile&& t) {
+      film.addTile(tile, {spp, nullptr, x.data(), y.data(), channels}, [&](FilmTile&& t) {
         const std::lock_guard lock(mutex);
         size_t i = 0;
         for (int py = t.rect.y0; py < t.rect.y1; ++py)
@@ -108,6 +108,36 @@ TEST(Film, LinearRampIsReproducedBySymmetricFilters) {
   const Image i = filterImage({0, 0, 16, 16}, {FilterKind::kTriangle, 2, 2}, 8, 1024, 1, 1,
                               [](float x, float) { return x; });
   for (int x = 0; x < 16; ++x) EXPECT_NEAR(i.channels[0][size_t(5 * 16 + x)], float(x) + 0.5f, 0.03f);
+}
+
+TEST(Film, PixelsCountAlikeHoweverManySamplesTheyHave) {
+  // The same sample several times over is the same sample.
+  const PixelRect crop{0, 0, 12, 9};
+  for (const PixelFilter& filter :
+       {PixelFilter(FilterKind::kGaussian, 3, 3), PixelFilter(FilterKind::kDisk, 3, 3)}) {
+    std::vector<std::vector<float>> images;
+    for (const bool adaptive : {false, true}) {
+      Film film(crop, filter, 64, {ChannelRule::kFiltered, ChannelRule::kMinimum});
+      const PixelRect r = film.tileRect(0);
+      std::vector<float> x, y, v;
+      std::vector<int> counts;
+      for (int py = r.y0; py < r.y1; ++py)
+        for (int px = r.x0; px < r.x1; ++px) {
+          const uint64_t h = hashStep(uint64_t(px + 1000), uint64_t(py + 1000));
+          counts.push_back(adaptive ? 1 + int(h % 7) : 1);
+          for (int s = 0; s < counts.back(); ++s) {
+            x.push_back(toUnitFloat64(h)), y.push_back(toUnitFloat64(mix64(h)));
+            v.push_back(toUnitFloat64(mix64(h + 1)));
+          }
+        }
+      const float* channels[2] = {v.data(), v.data()};
+      film.addTile(0, {1, adaptive ? counts.data() : nullptr, x.data(), y.data(), channels},
+                   [&](FilmTile&& t) { images.insert(images.end(), t.channels.begin(), t.channels.end()); });
+    }
+    ASSERT_EQ(images.size(), 4u);
+    for (size_t i = 0; i < images[0].size(); ++i) EXPECT_NEAR(images[0][i], images[2][i], 1e-5f);
+    EXPECT_EQ(images[1], images[3]);
+  }
 }
 
 }  // namespace

@@ -175,7 +175,10 @@ void FrameOutput::addTile(const FilmTile& tile) {
           y.push_back(float(tile.rect.y0 + int(i) / width) + 0.5f);
         }
       float* const color[3] = {image[0].data(), image[1].data(), image[2].data()};
-      imager_(n, x.data(), y.data(), color, image[3].data());
+      std::vector<float> opacity[3] = {image[3], image[3], image[3]};
+      float* const planes[3] = {opacity[0].data(), opacity[1].data(), opacity[2].data()};
+      const std::lock_guard lock(imagerMutex_);
+      imager_(n, x.data(), y.data(), color, planes, image[3].data());
     }
     quantised.resize(n * d.pixelBytes);
     const size_t bytes = sampleBytes(d.format);

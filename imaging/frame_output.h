@@ -50,9 +50,10 @@ struct FrameGeometry {
 /// its type ("color foo", "float x").
 std::vector<OutputChannel> requiredOutputs(const std::vector<DisplayRequest>& displays);
 
-/// n pixels: raster positions of their centres, colour and alpha in place. False: nothing was done.
-using ImagerFunction =
-    std::function<bool(size_t n, const float* x, const float* y, float* const color[3], float* alpha)>;
+/// n pixels: raster positions of their centres, colour and alpha in place; opacity starts as alpha and is the
+/// imager's to write. False: nothing was done. Never called by two threads at once.
+using ImagerFunction = std::function<bool(size_t n, const float* x, const float* y, float* const color[3],
+                                          float* const opacity[3], float* alpha)>;
 
 /// Thread safety: addTile() may be called by several threads. Files are complete or absent: they are written
 /// under a temporary name and renamed by finish(). Without finish() the destructor removes what was begun.
@@ -82,6 +83,7 @@ class FrameOutput {
   std::vector<std::unique_ptr<Display>> displays_;
   std::vector<std::string> searchPath_;
   ImagerFunction imager_;
+  std::mutex imagerMutex_;
   std::mutex errorMutex_;
   std::optional<Error> firstError_;
   void fail(Display& display, Error error);

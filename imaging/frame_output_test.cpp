@@ -156,7 +156,7 @@ TEST_F(FrameOutputTest, ImagerRunsAfterExposure) {
                    {3, 1}};
   FrameOutput out(g, {d}, displaySearchPath({}));
   std::vector<float> seen;
-  out.setImager([&](size_t n, const float* x, const float*, float* const color[3], float*) {
+  out.setImager([&](size_t n, const float* x, const float*, float* const color[3], float* const[3], float*) {
     for (size_t i = 0; i < n; ++i) seen.push_back(x[i]), seen.push_back(color[1][i]);
     return true;
   });

@@ -2,10 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <numbers>
 
 namespace fr {
 namespace {
+
+constexpr int kDefaultBucketSize = 32;
+/// Buckets are made smaller when they would hold more samples than this: the buffers of a bucket should stay
+/// in the cache.
+constexpr long long kMostSamplesPerBucket = 1 << 16;
+constexpr int kSmallestBucket = 8;
+constexpr float kMostSamples = 128;  // per axis
 
 Quantizer quantizerOf(const float q[4]) { return {q[0], q[1], q[2], q[3]}; }
 
@@ -59,6 +67,41 @@ PixelFilter framePixelFilter(const cache::Skeleton& skeleton) {
   return PixelFilter(FilterKind::kGaussian, 2, 2);
 }
 
+int frameBucketSize(const cache::Skeleton& skeleton, int asked, int samplesPerPixel) {
+  int size = asked;
+  if (size <= 0) {
+    const cache::ParamRecord* p = skeleton.find(skeleton.options().options, "limits:bucketsize");
+    size = kDefaultBucketSize;
+    if (p)
+      if (const auto values = skeleton.integers(*p); !values.empty() && values[0] > 0) size = values[0];
+  }
+  size = std::clamp(size, 1, 512);
+  while (size > kSmallestBucket &&
+         static_cast<long long>(size) * size * samplesPerPixel > kMostSamplesPerBucket)
+    size /= 2;
+  return size;
+}
+
+float frameFloatOption(const cache::Skeleton& skeleton, cache::Slice list, const char* name,
+                       float otherwise) {
+  const cache::ParamRecord* p = skeleton.find(list, name);
+  if (!p) return otherwise;
+  if (const auto f = skeleton.floats(*p); !f.empty()) return f[0];
+  if (const auto i = skeleton.integers(*p); !i.empty()) return float(i[0]);
+  return otherwise;
+}
+
+SamplePattern frameSamplePattern(const cache::Skeleton& skeleton, uint32_t seed) {
+  const cache::OptionsRecord& o = skeleton.options();
+  const auto axis = [](float n) {
+    return std::isfinite(n) ? int(std::lround(std::clamp(n, 1.0f, kMostSamples))) : 2;
+  };
+  float jitter = 1;
+  for (const char* name : {"jitter", "hider:jitter"})
+    jitter = frameFloatOption(skeleton, o.hiderParams, name, jitter);
+  return SamplePattern(axis(o.pixelSamples[0]), axis(o.pixelSamples[1]), jitter != 0, seed);
+}
+
 std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {
   const cache::OptionsRecord& o = skeleton.options();
   std::vector<DisplayRequest> all;
@@ -86,6 +129,16 @@ std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {
     all.push_back(std::move(r));
   }
   return all;
+}
+
+void dropExistingDisplays(std::vector<DisplayRequest>& displays, const std::vector<std::string>& searchPath) {
+  std::erase_if(displays, [&](const DisplayRequest& d) {
+    const std::string path = resolveDisplayType(d.type, d.name, searchPath).path;
+    std::error_code ignored;
+    if (!std::filesystem::is_regular_file(path, ignored)) return false;
+    report(Error{RiError::kNone, Severity::kInfo, {}, fmt::format("{} exists and is kept", path)});
+    return true;
+  });
 }
 
 std::vector<std::string> frameDisplaySearchPath(const cache::Skeleton& skeleton) {

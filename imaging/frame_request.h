@@ -3,6 +3,7 @@
 
 #include "imaging/frame_output.h"
 #include "imaging/pixel_filter.h"
+#include "imaging/sample_pattern.h"
 #include "scene_cache/cache.h"
 
 namespace fr {
@@ -12,8 +13,17 @@ namespace fr {
 FrameGeometry frameGeometry(const cache::Skeleton& skeleton);
 /// RiPixelFilter. An unknown name is reported and becomes the default, gaussian 2 2.
 PixelFilter framePixelFilter(const cache::Skeleton& skeleton);
+/// RiPixelSamples and the hider's jitter. `seed`: of the positions.
+SamplePattern frameSamplePattern(const cache::Skeleton& skeleton, uint32_t seed);
+/// Pixels a side of a tile: `asked`, or (0) Option "limits" "bucketsize", else 32; less when a tile would
+/// hold so many samples that its buffers leave the processor's cache.
+int frameBucketSize(const cache::Skeleton& skeleton, int asked, int samplesPerPixel);
+/// First number of an option, hider parameter ... of that name, or `otherwise`.
+float frameFloatOption(const cache::Skeleton& skeleton, cache::Slice list, const char* name, float otherwise);
 /// The frame's displays with their quantisers and exposures.
 std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton);
+/// Leaves out the displays whose file exists already, with a message for each.
+void dropExistingDisplays(std::vector<DisplayRequest>& displays, const std::vector<std::string>& searchPath);
 /// displaySearchPath() of Option "searchpath" "display".
 std::vector<std::string> frameDisplaySearchPath(const cache::Skeleton& skeleton);
 

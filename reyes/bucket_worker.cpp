@@ -280,7 +280,7 @@ void BucketWorker::finishTile(Pending& tile) {
   const Timer timer(statistics_.filterAndWriteSeconds);
   std::vector<const float*> channels;
   for (const auto& c : colors_.channels) channels.push_back(c.data());
-  const TileSamples samples{tile.view.samples.perPixel(), colors_.x.data(), colors_.y.data(),
+  const TileSamples samples{tile.view.samples.perPixel(), nullptr, colors_.x.data(), colors_.y.data(),
                             channels.data()};
   statistics_.samples += colors_.x.size(), ++statistics_.buckets;
   work_.film->addTile(tile.view.tile, samples, [this](FilmTile&& pixels) {

@@ -9,14 +9,11 @@
 
 #include "base/math.h"
 #include "imaging/pixel_rect.h"
+#include "imaging/sample_pattern.h"
 #include "scene_cache/cache.h"
 
 namespace fr::reyes {
 
-/// Raster positions are snapped to this many steps a pixel, so that coverage is decided in exact integers:
-/// abutting micropolygons never leave a gap nor overlap.
-inline constexpr int kSubpixelBits = 10;
-inline constexpr int kSubpixels = 1 << kSubpixelBits;
 /// Raster positions beyond this many pixels are clipped away before they are snapped.
 inline constexpr float kGuardBand = 30000.0f;
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "imaging/pixel_rect.h"
+#include "imaging/sample_pattern.h"
 #include "reyes/raster_space.h"
 
 namespace fr::reyes {
@@ -24,30 +25,6 @@ inline constexpr uint32_t kNothing = 0xffffffffu;
 
 /// Samples between rows and at the end that kernels may touch.
 inline constexpr int kRunPadding = 16;
-
-/// How the samples lie within each pixel of a frame.
-/// Owen-scrambled Sobol points, differently scrambled in each pixel of a block that repeats over the raster:
-/// so the samples of a pixel do not depend on the tile. Without jitter: centres of nx x ny cells.
-class SamplePattern {
- public:
-  SamplePattern() = default;
-  SamplePattern(int nx, int ny, bool jitter, uint32_t seed);
-  int perPixel() const { return nx_ * ny_; }
-  /// Index of the first sample of raster pixel (x, y) in offsets().
-  size_t first(int x, int y) const {
-    return (size_t(y & (period_ - 1)) * size_t(period_) + size_t(x & (period_ - 1))) * size_t(nx_ * ny_);
-  }
-  /// Subpixel steps from the pixel's corner, always odd: a sample never lies on the border of a pixel, where
-  /// images and crop windows end.
-  struct Offset {
-    int16_t x, y;
-  };
-  const std::vector<Offset>& offsets() const { return offsets_; }
-
- private:
-  int nx_ = 1, ny_ = 1, period_ = 1;
-  std::vector<Offset> offsets_{{kSubpixels / 2 + 1, kSubpixels / 2 + 1}};
-};
 
 class SampleBuffer {
  public:
