@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "oracle/ray_query.h"
+#include "oracle/single_ray.h"
 
 namespace fr {
 
@@ -24,6 +25,11 @@ class RayOracle {
   /// hangs.
   virtual Result<void> wait() = 0;
   virtual void release(RayQuery* q) = 0;
+
+  /// One ray, answered before this returns: for callers that have no batch. Blocks in flight stay in flight.
+  /// Here: through a block; transports have faster ways. Errors: the oracle is gone (kSystem), the ray's kind
+  /// is none (kRange), all blocks are in use (kLimit; faster ways need none).
+  virtual Result<SingleAnswer> ask(const SingleRayMail& ray);
 };
 
 /// Opens lines. connect() is thread-safe.

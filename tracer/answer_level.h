@@ -7,6 +7,14 @@
 
 namespace fr::tracer {
 
+/// A ray as it was asked: read once, nothing checked.
+struct AnswerThread::AskedRay {
+  Vec3 origin, direction, normal;
+  float time, radius, spread;
+  cache::NodeId node;
+  uint64_t seed;
+};
+
 /// A ray on its way through the surfaces that it meets.
 struct AnswerThread::PathRay {
   Ray ray;

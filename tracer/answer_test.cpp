@@ -258,6 +258,88 @@ TEST(Answer, BatchesDoNotMatter) {
   }
 }
 
+TEST(Answer, OneRayIsAnsweredAsInABlock) {
+  AnalyticScene s;
+  testing::addZoo(s);
+  Fixed t(s);
+  const testing::RayList rays = testing::randomRays(*t.cache, 2000, 17);
+  for (RayKind kind : {RayKind::kTrace, RayKind::kVisibility, RayKind::kHitTest, RayKind::kFullTrace}) {
+    const auto block = testing::answerInBatches(*t.thread, rays, kind, kMaxRays);
+    testing::Answers single;
+    for (const testing::RayItem& ray : rays) {
+      SingleAnswer a;
+      ASSERT_TRUE(t.thread->answerOne(testing::mailOf(ray, kind), a));
+      testing::append(single, a, kind);
+    }
+    EXPECT_EQ(block, single) << int(kind);
+  }
+  const auto n = t.tracer->statistics();
+  EXPECT_EQ(n.rays[int(RayKind::kTrace)], 2 * rays.size());
+}
+
+TEST(Answer, HostileSingleRaysAreMisses) {
+  AnalyticScene s;
+  s.add({.center = {0, 0, 3}}, {});
+  Fixed t(s);
+  const float wild[] = {NAN, INFINITY, -INFINITY, 0, 1e38f, -1e38f, 1e-42f, 1, 3e19f};
+  std::mt19937 g(8);
+  const auto pick = [&] { return wild[g() % std::size(wild)]; };
+  for (int round = 0; round < 20000; ++round) {
+    SingleRayMail m;
+    auto* bytes = reinterpret_cast<unsigned char*>(&m);
+    if (round & 1) {
+      for (size_t i = 0; i < sizeof m; ++i) bytes[i] = uint8_t(g());
+    } else {
+      for (int c = 0; c < 3; ++c) {
+        m.ray.origin[c] = pick(), m.ray.direction[c] = pick(), m.start.normal[c] = pick();
+      }
+      m.ray.time = pick(), m.ray.radius = pick(), m.ray.spread = pick();
+      m.ray.level = uint16_t(g()), m.ray.kind = uint8_t(g() % 6);
+      m.start.node = g() % 3 ? uint32_t(g()) : uint32_t(g() % 8), m.start.cell = uint32_t(g());
+    }
+    SingleAnswer a;
+    EXPECT_EQ(t.thread->answerOne(m, a), m.ray.kind <= 3);
+    if (m.ray.kind < 2) {
+      EXPECT_TRUE(std::isfinite(a.color[0]));
+    }
+  }
+  SingleRayMail m;
+  m.ray.kind = uint8_t(RayKind::kHitTest);
+  SingleAnswer a;
+  EXPECT_TRUE(t.thread->answerOne(m, a));  // no direction
+  EXPECT_EQ(a.hitDistance, kNoHit);
+  m.ray.direction[2] = 1;
+  EXPECT_TRUE(t.thread->answerOne(m, a));
+  EXPECT_NEAR(a.hitDistance, 2, 0.01f);
+  m.ray.origin[0] = NAN;
+  EXPECT_TRUE(t.thread->answerOne(m, a));
+  EXPECT_EQ(a.hitDistance, kNoHit);
+}
+
+TEST(SingleRay, TheBytesSayWhatTheyAre) {
+  SingleRayMail m, out;
+  m.ray.origin[1] = 7, m.start.label = 9;
+  EXPECT_TRUE(readSingleRay(singleRayBytes(m), out));
+  EXPECT_EQ(out.start.label, 9u);
+  EXPECT_TRUE(readSingleRay(singleRayBytes(m.ray), out));
+  EXPECT_EQ(out.ray.origin[1], 7);
+  EXPECT_EQ(out.start.label, 0u);
+  EXPECT_EQ(out.start.node, cache::kNone);
+  for (size_t n : {0, 1, 47, 49, 87}) EXPECT_FALSE(readSingleRay(singleRayBytes(m).first(n), out)) << n;
+  for (int kind = 4; kind < 256; ++kind) {
+    m.ray.kind = uint8_t(kind);
+    EXPECT_FALSE(readSingleRay(singleRayBytes(m), out)) << kind;
+  }
+  const SingleAnswer a;
+  const auto bytes = std::as_bytes(std::span(&a, 1));
+  SingleAnswer b;
+  EXPECT_TRUE(readSingleAnswer(bytes, RayKind::kFullTrace, b));
+  EXPECT_TRUE(readSingleAnswer(bytes.first(48), RayKind::kTrace, b));
+  EXPECT_FALSE(readSingleAnswer(bytes, RayKind::kTrace, b));
+  EXPECT_FALSE(readSingleAnswer(bytes.first(47), RayKind::kHitTest, b));
+  EXPECT_FALSE(readSingleAnswer(bytes.first(48), RayKind::kFullTrace, b));
+}
+
 TEST(Answer, ThreadsOfTheBuildDoNotMatter) {
   std::vector<testing::Answers> answers;
   for (int threads : {1, 2, 5}) {

@@ -37,6 +37,11 @@ Color saneOpacity(const Color& c) {
   return {f(c.x), f(c.y), f(c.z)};
 }
 
+uint32_t rayMask(RayKind kind) {
+  return kind == RayKind::kVisibility ? kOpaqueShadowRay | kFilteredShadowRay : kReflectionRay;
+}
+float missDistance(RayKind kind) { return kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace; }
+
 }  // namespace
 
 AnswerThread::AnswerThread(RayTracer& tracer) : tracer_(tracer) {}
@@ -57,6 +62,10 @@ void AnswerThread::answer(RayQuery& query) {
   answerAt(query, 0);
   counts_.answerSeconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   counts_.batches += 1;
+  publishCounts();
+}
+
+void AnswerThread::publishCounts() {
   std::lock_guard lock(tracer_.mutex_);
   tracer_.counted_ += counts_;
   counts_ = {};
@@ -71,80 +80,136 @@ void AnswerThread::answerAt(RayQuery& query, size_t depth) {
   at.rayLevel = std::clamp(rayLevel, 1u, 1u << 20);
   if (uint32_t(kind) > uint32_t(RayKind::kFullTrace)) return;  // no question of ours: nothing to write
   (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += at.count;
-  switch (kind) {
-    case RayKind::kHitTest:
-      return answerHitTest(query, at);
-    case RayKind::kVisibility:
-      return answerVisibility(query, at, depth);
-    case RayKind::kTrace:
-      return answerTrace(query, at, depth, depth > 0);
-    case RayKind::kFullTrace:
-      return answerTrace(query, at, depth, true);
+  readRays(query, at, rayMask(kind));
+  runAt(kind, at, depth);
+  // Shaders' own trace() wants to know what missed.
+  const bool full = kind == RayKind::kFullTrace || (kind == RayKind::kTrace && depth > 0);
+  writeAnswers(kind, at, full, query);
+}
+
+bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
+  answer = {};
+  if (mail.ray.kind > uint32_t(RayKind::kFullTrace)) return false;
+  const RayKind kind = RayKind(mail.ray.kind);
+  (void)tracer_.prepare();
+  Level& at = level(0);
+  at.count = 1;
+  at.rayLevel = std::max<uint32_t>(mail.ray.level, 1);
+  const auto vec = [](const float(&f)[3]) { return Vec3(f[0], f[1], f[2]); };
+  const AskedRay asked{vec(mail.ray.origin), vec(mail.ray.direction), vec(mail.start.normal), mail.ray.time,
+                       mail.ray.radius,      mail.ray.spread,         mail.start.node,        mail.ray.seed};
+  startPath(at.path[0], asked, rayMask(kind));
+  runAt(kind, at, 0);
+  const PathRay& p = at.path[0];
+  const auto put = [](float(&f)[3], const Vec3& v) { f[0] = v.x, f[1] = v.y, f[2] = v.z; };
+  const bool full = kind == RayKind::kFullTrace;
+  if (kind == RayKind::kVisibility) {
+    put(answer.color, p.through);
+  } else {
+    answer.hitDistance = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
+    if (kind != RayKind::kHitTest) put(answer.color, p.color);
+    if (full || kind == RayKind::kHitTest) {
+      Vec3 P(0), N(0);
+      if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
+      put(answer.hitP, P), put(answer.hitN, N);
+    }
+    if (full) {
+      answer.missDepth = float(p.missDepth);
+      put(answer.missP, p.missP), put(answer.missR, p.missR);
+    }
+  }
+  counts_.rays[uint32_t(kind)] += 1;
+  counts_.batches += 1;
+  publishCounts();
+  return true;
+}
+
+void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask) {
+  const RayScene* scene = tracer_.scene();
+  p.askedOrigin = asked.origin;
+  p.askedDirection = asked.direction;
+  p.seed = asked.seed;
+  p.radius = asked.radius >= 0 && std::isfinite(asked.radius) ? asked.radius : 0;
+  p.spread = std::isfinite(asked.spread) ? asked.spread : 0;
+  const DVec3 d(p.askedDirection);
+  const double length = glm::length(d);
+  p.sane = scene && std::isfinite(length) && length > 0 && isFinite(p.askedOrigin) &&
+           glm::length(DVec3(p.askedOrigin)) <= double(kFarthestOrigin);
+  p.going = p.sane;
+  p.steps = 0;
+  p.through = Color(1);
+  p.color = Color(0);
+  p.hit = p.firstHit = Hit{};
+  p.missDepth = 0;
+  p.missP = p.missR = Vec3(0);
+  if (!p.sane) {
+    counts_.rejected += 1;
+    return;
+  }
+  Ray& r = p.ray;
+  r = Ray{};
+  r.direction = Vec3(d / length);
+  r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
+  r.mask = mask;
+  r.departure = scene->departure(asked.node, r.direction, asked.normal);
+  r.origin = p.askedOrigin + r.departure.lift;
+  r.nearDistance = r.departure.nearDistance;
+  if (mask & (kOpaqueShadowRay | kFilteredShadowRay)) {
+    // A segment: its end stays where it is.
+    const DVec3 rest = DVec3(p.askedOrigin) + d - DVec3(r.origin);
+    const double distance = glm::length(rest);
+    if (!(distance > 0) || !(distance < double(kInfinity))) {
+      p.going = false;
+      return;
+    }
+    r.direction = Vec3(rest / distance);
+    r.farDistance = float(distance);
+    r.endsOnSurface = true;
   }
 }
 
-void AnswerThread::readRays(RayQuery& query, Level& at, uint32_t mask) {
-  const RayScene* scene = tracer_.scene();
+void AnswerThread::readRays(const RayQuery& query, Level& at, uint32_t mask) {
   const volatile RayQuery& q = query;  // each value is read once: the client may be writing
   for (uint32_t i = 0; i < at.count; ++i) {
-    PathRay& p = at.path[i];
-    p.askedOrigin = {q.origin[0][i], q.origin[1][i], q.origin[2][i]};
-    p.askedDirection = {q.direction[0][i], q.direction[1][i], q.direction[2][i]};
-    const float time = q.time[i], radius = q.radius[i], spread = q.spread[i];
-    const Vec3 normal(q.normal[0][i], q.normal[1][i], q.normal[2][i]);
-    const NodeId node = q.node[i];
-    p.seed = q.seed[i];
-    p.radius = radius >= 0 && std::isfinite(radius) ? radius : 0;
-    p.spread = std::isfinite(spread) ? spread : 0;
-    const DVec3 d(p.askedDirection);
-    const double length = glm::length(d);
-    p.sane = scene && std::isfinite(length) && length > 0 && isFinite(p.askedOrigin) &&
-             glm::length(DVec3(p.askedOrigin)) <= double(kFarthestOrigin);
-    p.going = p.sane;
-    p.steps = 0;
-    p.through = Color(1);
-    p.color = Color(0);
-    p.hit = p.firstHit = Hit{};
-    p.missDepth = 0;
-    p.missP = p.missR = Vec3(0);
-    if (!p.sane) {
-      counts_.rejected += 1;
-      continue;
+    AskedRay asked;
+    for (int c = 0; c < 3; ++c) {
+      asked.origin[c] = q.origin[c][i];
+      asked.direction[c] = q.direction[c][i];
+      asked.normal[c] = q.normal[c][i];
     }
-    Ray& r = p.ray;
-    r = Ray{};
-    r.direction = Vec3(d / length);
-    r.time = time >= 0 && time <= 1 ? time : time > 1 ? 1.0f : 0.0f;
-    r.mask = mask;
-    r.departure = scene->departure(node, r.direction, normal);
-    r.origin = p.askedOrigin + r.departure.lift;
-    r.nearDistance = r.departure.nearDistance;
-    if (mask & (kOpaqueShadowRay | kFilteredShadowRay)) {
-      // A segment: its end stays where it is.
-      const DVec3 rest = DVec3(p.askedOrigin) + d - DVec3(r.origin);
-      const double distance = glm::length(rest);
-      if (!(distance > 0) || !(distance < double(kInfinity))) {
-        p.going = false;
-        continue;
-      }
-      r.direction = Vec3(rest / distance);
-      r.farDistance = float(distance);
-      r.endsOnSurface = true;
-    }
+    asked.time = q.time[i], asked.radius = q.radius[i], asked.spread = q.spread[i];
+    asked.node = q.node[i];
+    asked.seed = q.seed[i];
+    startPath(at.path[i], asked, mask);
   }
 }
 
-void AnswerThread::answerHitTest(RayQuery& query, Level& at) {
-  readRays(query, at, kReflectionRay);
+void AnswerThread::runAt(RayKind kind, Level& at, size_t depth) {
+  if (kind == RayKind::kVisibility) return runVisibility(at, depth);
+  if (kind != RayKind::kHitTest) return runTrace(at, depth);
   const RayScene* scene = tracer_.scene();
   for (uint32_t i = 0; i < at.count; ++i) {
+    PathRay& p = at.path[i];
+    if (p.going) p.firstHit = scene->closest(p.ray), counts_.intersections += 1;
+  }
+}
+
+void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query) {
+  const bool distance = kind != RayKind::kVisibility, hit = full || kind == RayKind::kHitTest;
+  for (uint32_t i = 0; i < at.count; ++i) {
     const PathRay& p = at.path[i];
-    Hit hit;
-    if (p.going) hit = scene->closest(p.ray), counts_.intersections += 1;
+    if (kind != RayKind::kHitTest) {
+      const Color& color = distance ? p.color : p.through;
+      for (int c = 0; c < 3; ++c) query.color[c][i] = color[c];
+    }
+    if (distance) query.hitDistance[i] = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
+    if (!hit) continue;
     Vec3 P(0), N(0);
-    if (hit.any()) hitPoint(p, hit, P, N);
-    query.hitDistance[i] = hit.any() ? hit.distance : kNoHit;
+    if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
     for (int c = 0; c < 3; ++c) query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
+    if (!full) continue;
+    query.missDepth[i] = float(p.missDepth);
+    for (int c = 0; c < 3; ++c) query.missP[c][i] = p.missP[c], query.missR[c][i] = p.missR[c];
   }
 }
 
@@ -171,8 +236,7 @@ Color AnswerThread::attributeOpacity(const Hit& hit) {
   return saneOpacity(opacity);
 }
 
-void AnswerThread::answerVisibility(RayQuery& query, Level& at, size_t depth) {
-  readRays(query, at, kOpaqueShadowRay | kFilteredShadowRay);
+void AnswerThread::runVisibility(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   // A shader that asks for visibility while it is asked for its own opacity would go on for ever.
   const bool mayShade = at.rayLevel <= uint32_t(tracer_.maxRayLevel()) + 1;
@@ -218,12 +282,9 @@ void AnswerThread::answerVisibility(RayQuery& query, Level& at, size_t depth) {
       dim(p, p.hitOpacity);
     }
   }
-  for (uint32_t i = 0; i < at.count; ++i)
-    for (int c = 0; c < 3; ++c) query.color[c][i] = at.path[i].through[c];
 }
 
-void AnswerThread::answerTrace(RayQuery& query, Level& at, size_t depth, bool full) {
-  readRays(query, at, kReflectionRay);
+void AnswerThread::runTrace(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   const bool tooDeep = at.rayLevel > uint32_t(tracer_.maxRayLevel());
   for (bool any = !tooDeep; any;) {
@@ -253,20 +314,6 @@ void AnswerThread::answerTrace(RayQuery& query, Level& at, size_t depth, bool fu
       } else {
         scene->stepBehind(p.ray, p.hit);
       }
-    }
-  }
-
-  for (uint32_t i = 0; i < at.count; ++i) {
-    const PathRay& p = at.path[i];
-    for (int c = 0; c < 3; ++c) query.color[c][i] = p.color[c];
-    query.hitDistance[i] = p.firstHit.any() ? p.firstHit.distance : kNoHitFullTrace;
-    if (!full) continue;
-    Vec3 P(0), N(0);
-    if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
-    query.missDepth[i] = float(p.missDepth);
-    for (int c = 0; c < 3; ++c) {
-      query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
-      query.missP[c][i] = p.missP[c], query.missR[c][i] = p.missR[c];
     }
   }
 }

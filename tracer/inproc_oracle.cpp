@@ -37,6 +37,12 @@ class InprocOracle : public RayOracle {
   void release(RayQuery* q) override {
     if (Slot* s = find(q)) s->used = false;
   }
+  Result<SingleAnswer> ask(const SingleRayMail& ray) override {
+    SingleAnswer answer;
+    if (!thread_.answerOne(ray, answer))
+      return makeError(RiError::kRange, "{} is no kind of ray", ray.ray.kind);
+    return answer;
+  }
 
  private:
   struct Slot {

@@ -14,6 +14,7 @@
 
 #include "base/error.h"
 #include "oracle/ray_query.h"
+#include "oracle/single_ray.h"
 #include "shading/shading_system.h"
 #include "tracer/ray_scene.h"
 
@@ -83,16 +84,23 @@ class AnswerThread {
   /// Answers a block in place. Nothing in it is trusted, and it may change while it is read: every input is
   /// read once. Rays that make no sense are misses.
   void answer(RayQuery& query);
+  /// Answers one ray: the same bits as in a block. False when its kind is none; any other field may hold
+  /// anything. Its time is not counted in TracerStatistics::answerSeconds: clocks cost as much as rays.
+  bool answerOne(const SingleRayMail& mail, SingleAnswer& answer);
 
  private:
   struct Level;
+  struct AskedRay;
   struct PathRay;
   Level& level(size_t depth);
   void answerAt(RayQuery& query, size_t depth);
-  void answerHitTest(RayQuery& query, Level& at);
-  void answerVisibility(RayQuery& query, Level& at, size_t depth);
-  void answerTrace(RayQuery& query, Level& at, size_t depth, bool full);
-  void readRays(RayQuery& query, Level& at, uint32_t mask);
+  void startPath(PathRay& path, const AskedRay& asked, uint32_t mask);
+  void readRays(const RayQuery& query, Level& at, uint32_t mask);
+  void runAt(RayKind kind, Level& at, size_t depth);
+  void runVisibility(Level& at, size_t depth);
+  void runTrace(Level& at, size_t depth);
+  void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query);
+  void publishCounts();
   void shadeHits(Level& at, size_t depth, bool shadowRays);
   void shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays);
   Color attributeOpacity(const Hit& hit);

@@ -1,5 +1,6 @@
 #include "tracer/server.h"
 
+#include <cstring>
 #include <thread>
 #include <vector>
 
@@ -23,20 +24,30 @@ class Handler : public shm::ChannelHandler {
 
   shm::Served serveBlock(const shm::ServedBlock& block) override {
     if (block.bytes.size() < sizeof(RayQuery)) return shm::Served::kFailed;
-    // One workplace per thread; the threads end before the tracer does.
-    thread_local std::unique_ptr<AnswerThread> thread;
-    if (!thread) thread = std::make_unique<AnswerThread>(tracer_);
-    thread->answer(*reinterpret_cast<RayQuery*>(block.bytes.data()));
+    workplace().answer(*reinterpret_cast<RayQuery*>(block.bytes.data()));
     return shm::Served::kDone;
   }
-  int serveMail(uint64_t, void*, std::span<const std::byte>, std::span<std::byte, shm::kMailBytes>) override {
-    return -1;  // single rays come in blocks so far
+  int serveMail(uint64_t, void*, std::span<const std::byte> request,
+                std::span<std::byte, shm::kMailBytes> bytes) override {
+    SingleRayMail mail;
+    SingleAnswer answer;
+    if (!readSingleRay(request, mail) || !workplace().answerOne(mail, answer)) return -1;
+    const size_t size = singleAnswerBytes(RayKind(mail.ray.kind));
+    std::memcpy(bytes.data(), &answer, size);
+    return int(size);
   }
   void channelEnded(uint64_t, void*, const Error* error) override {
     if (error) report(*error);
   }
 
  private:
+  /// One per thread; the threads end before the tracer does.
+  AnswerThread& workplace() {
+    thread_local std::unique_ptr<AnswerThread> thread;
+    if (!thread) thread = std::make_unique<AnswerThread>(tracer_);
+    return *thread;
+  }
+
   RayTracer& tracer_;
 };
 

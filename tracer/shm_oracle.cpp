@@ -143,14 +143,24 @@ class ShmOracle : public RayOracle {
  public:
   explicit ShmOracle(std::shared_ptr<ShmOracleService::State> state) : state_(std::move(state)) {}
 
+  /// Through the channel's mailbox: one line there and back.
+  Result<SingleAnswer> ask(const SingleRayMail& ray) override {
+    if (ray.ray.kind > uint32_t(RayKind::kFullTrace))
+      return makeError(RiError::kRange, "{} is no kind of ray", ray.ray.kind);
+    open();
+    if (error_) return *error_;
+    const RayKind kind = RayKind(ray.ray.kind);
+    std::array<std::byte, shm::kMailBytes> bytes;
+    const Result<uint32_t> n = channel_->call(singleRayBytes(ray), bytes);
+    if (!n) return channel_->error() ? fail(n.error()) : n.error();
+    SingleAnswer answer;
+    if (!readSingleAnswer(std::span(bytes).first(*n), kind, answer))
+      return makeError(RiError::kConsistency, "the ray tracer's answer to a single ray has {} bytes", *n);
+    return answer;
+  }
+
   RayQuery* acquire() override {
-    if (!channel_ && !error_) {
-      auto opened = state_->openChannel();
-      if (opened)
-        channel_.emplace(std::move(opened).value());
-      else
-        error_ = std::move(opened).error();
-    }
+    open();
     if (error_) {
       if (!orphan_) orphan_ = std::make_unique<RayQuery>();
       return orphan_.get();
@@ -223,6 +233,14 @@ class ShmOracle : public RayOracle {
     SlotState state = SlotState::kFree;
   };
 
+  void open() {
+    if (channel_ || error_) return;
+    auto opened = state_->openChannel();
+    if (opened)
+      channel_.emplace(std::move(opened).value());
+    else
+      error_ = std::move(opened).error();
+  }
   int find(const RayQuery* q) const {
     for (size_t i = 0; i < slots_.size(); ++i)
       if (q && slots_[i].query == q) return int(i);

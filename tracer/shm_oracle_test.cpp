@@ -53,6 +53,64 @@ TEST(ShmOracle, AnswersBitForBitAsInproc) {
     }
 }
 
+TEST(ShmOracle, SingleRaysAreAnsweredBitForBitAsBlocks) {
+  auto cache = zoo();
+  ShadingSystem shading(*cache, {});
+  InprocOracleService inproc(*cache, shading, {});
+  ShmOracleService shm(*cache, options());
+  auto here = std::move(inproc.connect()).value(), there = std::move(shm.connect()).value();
+  const auto rays = testing::randomRays(*cache, 1000, 5);
+  for (RayKind kind : {RayKind::kTrace, RayKind::kVisibility, RayKind::kHitTest, RayKind::kFullTrace}) {
+    const auto blocks = testing::askInBatches(*here, rays, kind, 333);
+    const auto local = testing::askOneByOne(*here, rays, kind);
+    const auto mail = testing::askOneByOne(*there, rays, kind);
+    ASSERT_TRUE(blocks.ok() && local.ok());
+    ASSERT_TRUE(mail.ok()) << mail.error().str();
+    EXPECT_EQ(*blocks, *local) << int(kind);
+    EXPECT_EQ(*blocks, *mail) << int(kind);
+  }
+  SingleRayMail none;
+  none.ray.kind = 4;
+  EXPECT_FALSE(there->ask(none).ok());
+  EXPECT_TRUE(there->ask({}).ok()) << "the line is as good as before";
+}
+
+/// Answers blocks only.
+class BlocksOnly : public RayOracle {
+ public:
+  explicit BlocksOnly(RayOracle& o) : oracle_(o) {}
+  RayQuery* acquire() override { return oracle_.acquire(); }
+  Result<void> submit(RayQuery* q) override { return oracle_.submit(q); }
+  bool answered(const RayQuery* q) const override { return oracle_.answered(q); }
+  Result<void> wait() override { return oracle_.wait(); }
+  void release(RayQuery* q) override { oracle_.release(q); }
+
+ private:
+  RayOracle& oracle_;
+};
+
+TEST(RayOracle, SingleRaysGoThroughBlocksWhereThereIsNoOtherWay) {
+  auto cache = zoo();
+  ShmOracleService shm(*cache, options());
+  auto line = std::move(shm.connect()).value();
+  BlocksOnly blocks(*line);
+  const auto rays = testing::randomRays(*cache, 300, 6);
+  // Another block is in flight all the time, answered or not.
+  RayQuery* other = line->acquire();
+  other->kind = RayKind::kHitTest, other->count = 1, other->level = 1;
+  testing::setRay(*other, 0, rays[0]);
+  ASSERT_TRUE(line->submit(other).ok());
+  for (RayKind kind : {RayKind::kTrace, RayKind::kVisibility, RayKind::kHitTest, RayKind::kFullTrace}) {
+    const auto a = testing::askOneByOne(blocks, rays, kind), b = testing::askOneByOne(*line, rays, kind);
+    ASSERT_TRUE(a.ok() && b.ok());
+    EXPECT_EQ(*a, *b);
+  }
+  std::vector<RayQuery*> all;
+  while (RayQuery* q = line->acquire()) all.push_back(q);
+  EXPECT_FALSE(blocks.ask({}).ok()) << "no block is left";
+  EXPECT_TRUE(line->ask({}).ok()) << "the mailbox needs none";
+}
+
 TEST(ShmOracle, ManyThreadsGetTheirOwnAnswers) {
   auto cache = zoo();
   ShadingSystem shading(*cache, {});

@@ -39,6 +39,29 @@ void setRay(RayQuery& q, uint32_t i, const Vec3& origin, const Vec3& direction) 
   setRay(q, i, RayItem{origin, direction, Vec3(0), 0, 0, 0, cache::kNone, 0, i, i});
 }
 
+SingleRayMail mailOf(const RayItem& r, RayKind kind) {
+  SingleRayMail m;
+  for (int c = 0; c < 3; ++c)
+    m.ray.origin[c] = r.origin[c], m.ray.direction[c] = r.direction[c], m.start.normal[c] = r.normal[c];
+  m.ray.time = r.time, m.ray.spread = 0.001f, m.ray.seed = r.seed;
+  m.ray.kind = uint8_t(kind);
+  m.start.node = r.node, m.start.cell = r.cell, m.start.u = r.u, m.start.v = r.v;
+  return m;
+}
+
+void append(Answers& answers, const SingleAnswer& a, RayKind kind) {
+  const auto q = std::make_unique<RayQuery>();
+  q->count = 1;
+  for (int c = 0; c < 3; ++c) {
+    q->color[c][0] = a.color[c];
+    q->hitP[c][0] = a.hitP[c], q->hitN[c][0] = a.hitN[c];
+    q->missP[c][0] = a.missP[c], q->missR[c][0] = a.missR[c];
+  }
+  q->hitDistance[0] = a.hitDistance, q->missDepth[0] = a.missDepth;
+  answers.resize(answers.size() + kWords);
+  collect(*q, kind, answers.size() / kWords - 1, answers);
+}
+
 void addZoo(AnalyticScene& s) {
   const Color half(0.5f), tint(0.9f, 0.6f, 0.3f);
   s.add({.center = {-2, 0, 0}, .radius = 1, .patchesU = 4, .patchesV = 4},
@@ -99,6 +122,16 @@ Answers answerInBatches(tracer::AnswerThread& thread, const RayList& rays, RayKi
     for (uint32_t i = 0; i < q->count; ++i) setRay(*q, i, rays[first + i]);
     thread.answer(*q);
     collect(*q, kind, first, out);
+  }
+  return out;
+}
+
+Result<Answers> askOneByOne(RayOracle& oracle, const RayList& rays, RayKind kind) {
+  Answers out;
+  for (const RayItem& ray : rays) {
+    Result<SingleAnswer> a = oracle.ask(mailOf(ray, kind));
+    if (!a) return std::move(a).error();
+    append(out, *a, kind);
   }
   return out;
 }

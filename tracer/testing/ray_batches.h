@@ -25,6 +25,11 @@ using Answers = std::vector<uint32_t>;
 void setRay(RayQuery& q, uint32_t i, const Vec3& origin, const Vec3& direction);
 void setRay(RayQuery& q, uint32_t i, const RayItem& ray);
 
+/// The same ray for a mailbox.
+SingleRayMail mailOf(const RayItem& ray, RayKind kind);
+/// The bits of a single answer, as the functions below give them for blocks.
+void append(Answers& answers, const SingleAnswer& answer, RayKind kind);
+
 /// Spheres, a torus, planes and a mesh with every shader and way to cast shadows.
 void addZoo(AnalyticScene& scene);
 /// Half of them start on surfaces.
@@ -34,6 +39,8 @@ void shuffle(RayList& rays);
 void unshuffle(const RayList& rays, Answers& answers);
 
 Answers answerInBatches(tracer::AnswerThread& thread, const RayList& rays, RayKind kind, uint32_t batch);
+/// Through an oracle's way for single rays.
+Result<Answers> askOneByOne(RayOracle& oracle, const RayList& rays, RayKind kind);
 /// Through an oracle, with several blocks in flight.
 Result<Answers> askInBatches(RayOracle& oracle, const RayList& rays, RayKind kind, uint32_t batch);
 
