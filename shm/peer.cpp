@@ -180,18 +180,24 @@ Result<ChildProcess> ChildProcess::spawn(const SpawnOptions& options) {
   argv.push_back(nullptr);
 
   const std::string prefix = options.socketVariable + "=";
+  const bool hasSocket = !options.socketVariable.empty();
   std::string variable = fmt::format("{}{}", prefix, theirs.descriptor());
   std::vector<char*> environment;
   for (char** e = environ; *e; ++e) {
-    if (std::strncmp(*e, prefix.c_str(), prefix.size()) != 0) environment.push_back(*e);
+    if (!hasSocket || std::strncmp(*e, prefix.c_str(), prefix.size()) != 0) environment.push_back(*e);
   }
-  environment.push_back(variable.data());
+  if (hasSocket) environment.push_back(variable.data());
   environment.push_back(nullptr);
 
   SpawnSetup setup;
   // Duplicating a descriptor onto itself clears its close-on-exec flag in the child alone: no other thread
   // that spawns something at the same moment can leak it, and no number of somebody else's is overwritten.
-  ::posix_spawn_file_actions_adddup2(&setup.actions, theirs.descriptor(), theirs.descriptor());
+  if (hasSocket)
+    ::posix_spawn_file_actions_adddup2(&setup.actions, theirs.descriptor(), theirs.descriptor());
+  if (options.standardInput >= 0)
+    ::posix_spawn_file_actions_adddup2(&setup.actions, options.standardInput, STDIN_FILENO);
+  if (options.standardOutput >= 0)
+    ::posix_spawn_file_actions_adddup2(&setup.actions, options.standardOutput, STDOUT_FILENO);
   sigset_t none;
   ::sigemptyset(&none);
   sigset_t all;
@@ -214,7 +220,10 @@ Result<ChildProcess> ChildProcess::spawn(const SpawnOptions& options) {
   // instead.
   FileDescriptor pidfd(int(::syscall(SYS_pidfd_open, pid, 0)));
   theirs.close();
-  return ChildProcess(pid, std::move(pidfd), std::move(ours));
+  if (!hasSocket) ours.close();
+  ChildProcess child(pid, std::move(pidfd), std::move(ours));
+  child.hasSocket_ = hasSocket;
+  return child;
 }
 
 ChildProcess::ChildProcess(pid_t pid, FileDescriptor pidfd, PeerSocket socket)
@@ -224,6 +233,7 @@ ChildProcess::ChildProcess(ChildProcess&& o) noexcept
     : pid_(std::exchange(o.pid_, -1)),
       pidfd_(std::move(o.pidfd_)),
       socket_(std::move(o.socket_)),
+      hasSocket_(o.hasSocket_),
       ended_(std::exchange(o.ended_, true)),
       waitStatus_(o.waitStatus_) {}
 
@@ -236,8 +246,8 @@ ChildProcess::~ChildProcess() {
 }
 
 bool ChildProcess::alive() const {
-  if (pid_ < 0 || !socket_.alive()) return false;
-  if (!pidfd_) return true;
+  if (pid_ < 0 || ended_ || (hasSocket_ && !socket_.alive())) return false;
+  if (!pidfd_) return ::kill(pid_, 0) == 0;
   pollfd p{pidfd_.get(), POLLIN, 0};
   return ::poll(&p, 1, 0) <= 0;
 }

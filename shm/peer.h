@@ -55,8 +55,10 @@ class PeerSocket {
 struct SpawnOptions {
   std::string program;                 // path, or name to look up in PATH
   std::vector<std::string> arguments;  // without the program itself
-  /// Set in the child's environment to the number of its socket.
+  /// Set in the child's environment to the number of its socket; empty: the child gets none.
   std::string socketVariable = "FR_PEER_SOCKET";
+  /// Descriptors that become the child's standard input and output; -1: ours.
+  int standardInput = -1, standardOutput = -1;
 };
 
 /// A child process with a socket to it.
@@ -76,7 +78,7 @@ class ChildProcess {
 
   pid_t pid() const { return pid_; }
   PeerSocket& socket() { return socket_; }
-  /// False once the process has ended (reaped or not) or has closed its socket.
+  /// False once the process has ended (reaped or not) or has closed its socket, if it has one.
   bool alive() const;
   /// Waits for the end, at most `timeout`; true when it has ended. Reaps it.
   bool wait(std::chrono::milliseconds timeout);
@@ -94,6 +96,7 @@ class ChildProcess {
   pid_t pid_ = -1;
   FileDescriptor pidfd_;
   PeerSocket socket_;
+  bool hasSocket_ = true;
   bool ended_ = false;
   std::optional<int> waitStatus_;
 };

@@ -1,0 +1,7 @@
+#include "base/version.h"
+
+namespace fr {
+
+const char* versionText() { return FR_VERSION; }
+
+}  // namespace fr
