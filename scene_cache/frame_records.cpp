@@ -86,7 +86,12 @@ StringId joinedPath(const ri::Options& o, const char* category, SkeletonWriter& 
 
 }  // namespace
 
-ri::Options overridden(ri::Options o, const FrameOverrides& with) {
+ri::Options overridden(ri::Options o, const FrameOverrides& with, const FrameDefaults& otherwise) {
+  if (otherwise.resolution && !o.resolution) o.resolution = otherwise.resolution;
+  if (otherwise.pixelSamples && !o.pixelSamplesGiven) {
+    o.pixelSamples = *otherwise.pixelSamples;
+    o.pixelSamplesGiven = true;
+  }
   for (const std::string& folder : with.shaderFolders) o.searchPaths["shader"].push_back(folder);
   if (with.resolution) {
     // A new resolution with the RIB's shape of the frame would shrink the image the user asked for.

@@ -8,8 +8,8 @@
 
 namespace fr::cache {
 
-/// The options with the command line's answers in place of the RIB's.
-ri::Options overridden(ri::Options options, const FrameOverrides& overrides);
+/// The options with the command line's answers in place of the RIB's, and where the RIB says nothing.
+ri::Options overridden(ri::Options options, const FrameOverrides& overrides, const FrameDefaults& defaults);
 
 /// Camera, options, displays, search paths and cache origin of a world that begins now (RISpec 3.2,
 /// section 4.1).

@@ -76,8 +76,8 @@ void SceneBuilder::onWorldBegin() {
   const ri::TransformPtr camera = state().worldToCamera();
   world_ = std::make_unique<World>(own_->writer, own_->counts, state(),
                                    camera && isMirrored(camera->matrices.front()), options_);
-  writeFrameRecords(overridden(state().options(), options_.overrides), camera, number, world_->records,
-                    &own_->writer);
+  writeFrameRecords(overridden(state().options(), options_.overrides, options_.defaults), camera, number,
+                    world_->records, &own_->writer);
 }
 
 void SceneBuilder::onWorldEnd() {

@@ -37,8 +37,15 @@ struct FrameOverrides {
   std::vector<std::string> shaderFolders;
 };
 
+/// What holds where the RIB says nothing.
+struct FrameDefaults {
+  std::optional<std::array<int, 2>> resolution;
+  std::optional<std::array<double, 2>> pixelSamples;
+};
+
 struct LoadOptions {
   FrameOverrides overrides;
+  FrameDefaults defaults;
   /// Frame numbers (FrameBegin) to build, inclusive; others are read over. A world outside any frame has
   /// number 1, 2, ... in order of appearance.
   std::optional<std::pair<int, int>> frames;
