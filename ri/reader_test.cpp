@@ -82,10 +82,25 @@ TEST(Reader, UnknownRequestIsSkippedAndSaidOnce) {
   EXPECT_EQ(p->reports.errors[0].severity, Severity::kWarning);
 }
 
+TEST(Reader, UndeclaredShaderParameterTakesItsTypeFromItsValue) {
+  const auto p = parse(
+      "Surface \"s\" \"what\" [1 2] # two\n \"Ka\" 1 \"that\" \"z\" \"these\" [\"a\" \"b\"] \"Kd\" 2\n"
+      "Attribute \"user\" \"x\" 5");
+  EXPECT_EQ(p->rib,
+            "Surface \"s\" \"uniform float[2] what\" [1 2] \"uniform float Ka\" [1] \"uniform string that\" "
+            "[\"z\"] \"uniform string[2] these\" [\"a\" \"b\"] \"uniform float Kd\" [2]\n"
+            "Attribute \"user\" \"uniform float x\" [5]\n");
+  EXPECT_TRUE(p->reports.errors.empty()) << p->reports.str();
+}
+
 TEST(Reader, UndeclaredParameterCostsOnlyItself) {
-  const auto p = parse("Surface \"s\" \"what\" [1 2] \"Ka\" 1 \"that\" \"z\" \"Kd\" 2");
-  EXPECT_EQ(p->rib, "Surface \"s\" \"uniform float Ka\" [1] \"uniform float Kd\" [2]\n");
-  EXPECT_EQ(p->reports.count(RiError::kBadToken), 2);
+  const auto p = parse(
+      "Attribute \"dice\" \"what\" [1 2] \"binary\" 1\nSphere 1 -1 1 360 \"that\" [1 2]\n"
+      "Surface \"s\" \"mixed\" [1 \"a\" 2] \"none\" [] \"Kd\" 2");
+  EXPECT_EQ(p->rib,
+            "Attribute \"dice\" \"uniform int binary\" [1]\nSphere 1 -1 1 360\nSurface \"s\" \"uniform "
+            "float Kd\" [2]\n");
+  EXPECT_EQ(p->reports.count(RiError::kBadToken), 4) << p->reports.str();
 }
 
 TEST(Reader, WrongValueCostsOnlyTheParameter) {

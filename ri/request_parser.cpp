@@ -10,6 +10,14 @@ namespace {
 
 // A file that is no RIB at all must not print a million lines.
 constexpr int kMaxComplaints = 200;
+constexpr int kMaxUndeclared = 1 << 20;  // numbers or strings in a value whose type is guessed
+
+bool mayBeUndeclared(std::string_view context) {
+  static constexpr std::string_view kContexts[] = {
+      "Surface",     "Displacement", "Atmosphere",  "Interior",        "Exterior",
+      "Deformation", "Imager",       "LightSource", "AreaLightSource", "user"};
+  return std::find(std::begin(kContexts), std::end(kContexts), context) != std::end(kContexts);
+}
 
 bool isConditional(std::string_view name) {
   return name == "IfBegin" || name == "ElseIf" || name == "Else" || name == "IfEnd";
@@ -161,12 +169,7 @@ void RequestParser::numbers(std::span<double> out) {
     std::vector<double> a;
     if (!lexer_.readNumbers(a) || a.size() != out.size()) return wrong(a.size());
     std::copy(a.begin(), a.end(), out.begin());
-    if (lexer_.kind() == TokenKind::kStructure || lexer_.kind() == TokenKind::kComment) {
-      comments_.emplace_back(
-          lexer_.kind() == TokenKind::kStructure ? RecordKind::kStructure : RecordKind::kComment,
-          lexer_.text());
-      next();
-    }
+    keepComment();
     return;
   }
   for (size_t i = 0; i < out.size(); ++i) {
@@ -204,12 +207,7 @@ std::vector<T> RequestParser::numberArray(const char* what) {
       fail(RiError::kSyntax, fmt::format("{} are expected, not {}", what, describeToken()));
       return v;
     }
-    if (lexer_.kind() == TokenKind::kStructure || lexer_.kind() == TokenKind::kComment) {
-      comments_.emplace_back(
-          lexer_.kind() == TokenKind::kStructure ? RecordKind::kStructure : RecordKind::kComment,
-          lexer_.text());
-      next();
-    }
+    keepComment();
     return v;
   }
   if (!atNumber()) {
@@ -267,6 +265,19 @@ void RequestParser::skipValue() {
   if (lexer_.kind() == TokenKind::kArrayEnd) next();
 }
 
+// The same when reading the value has already begun; inBracket_ says how.
+void RequestParser::skipRestOfValue() {
+  if (!inBracket_) {
+    if (atNumber() || atString() || lexer_.kind() == TokenKind::kFloatArray) next();
+    return;
+  }
+  while (lexer_.kind() != TokenKind::kArrayEnd && lexer_.kind() != TokenKind::kEnd &&
+         lexer_.kind() != TokenKind::kRequest) {
+    next();
+  }
+  if (lexer_.kind() == TokenKind::kArrayEnd) next();
+}
+
 // Fills the value. False: reported, the rest of the value skipped, nothing of the request lost but this.
 bool RequestParser::value(Param& p) {
   switch (p.declaration.type) {
@@ -282,16 +293,47 @@ bool RequestParser::value(Param& p) {
   }
   if (!failed_) return true;
   failed_ = false;
-  if (!inBracket_) {
-    if (atNumber() || atString() || lexer_.kind() == TokenKind::kFloatArray) next();
-    return false;
-  }
-  while (lexer_.kind() != TokenKind::kArrayEnd && lexer_.kind() != TokenKind::kEnd &&
-         lexer_.kind() != TokenKind::kRequest) {
-    next();
-  }
-  if (lexer_.kind() == TokenKind::kArrayEnd) next();
+  skipRestOfValue();
   return false;
+}
+
+// readNumbers() stops at whatever stands behind the array, comments too.
+void RequestParser::keepComment() {
+  if (lexer_.kind() != TokenKind::kStructure && lexer_.kind() != TokenKind::kComment) return;
+  comments_.emplace_back(
+      lexer_.kind() == TokenKind::kStructure ? RecordKind::kStructure : RecordKind::kComment, lexer_.text());
+  next();
+}
+
+// A value whose type only its reader knows: numbers or strings. Only the shader can tell three floats from a
+// colour; shading/ binds them as what the parameter is. False: the value was skipped.
+bool RequestParser::undeclaredValue(Param& p) {
+  p.declaration.storage = StorageClass::kUniform;
+  p.declaration.type = ValueType::kFloat;
+  if (lexer_.kind() == TokenKind::kArrayBegin) {
+    inBracket_ = true;
+    if (lexer_.readNumbers(p.floats)) {
+      keepComment();
+    } else {
+      if (p.floats.empty() && atString()) {
+        p.declaration.type = ValueType::kString;
+        for (; atString(); next()) p.strings.push_back(lexer_.text());
+      }
+      const bool whole = !p.strings.empty() && lexer_.kind() == TokenKind::kArrayEnd;
+      skipRestOfValue();
+      if (!whole) return false;
+    }
+  } else if (atString()) {
+    p.declaration.type = ValueType::kString;
+    p.strings = strings();
+  } else if (atNumber() || atArray()) {
+    p.floats = floats();
+  }
+  const size_t n = p.elementCount();
+  if (n == 0 || n > size_t(kMaxUndeclared)) return false;
+  p.declaration.arrayLength = int(n);
+  p.declaration.isArray = n > 1;
+  return true;
 }
 
 ParamList RequestParser::params(std::string_view context, bool primitive) {
@@ -310,8 +352,15 @@ ParamList RequestParser::params(std::string_view context, bool primitive) {
     std::optional<Declaration> d =
         parsed->declaration ? parsed->declaration : renderer_.dictionary().find(p.name, context);
     if (!d) {
+      if (mayBeUndeclared(context)) {
+        if (undeclaredValue(p)) {
+          list.set(std::move(p));
+          continue;
+        }
+      } else {
+        skipValue();
+      }
       warnOnce(RiError::kBadToken, fmt::format("\"{}\" was never declared; ignored", p.name));
-      skipValue();
       continue;
     }
     p.declaration = *d;

@@ -53,7 +53,9 @@ class RequestParser : public Locator {
   std::vector<int> ints();
   std::vector<std::string> strings();
   /// The rest of the request. `context` as in Dictionary::find. For primitives the counts are checked later
-  /// by checkPrimitive; elsewhere every parameter is one value.
+  /// by checkPrimitive; elsewhere every parameter is one value. A name that nobody declared takes its type
+  /// from its value where the reader of the parameter may know better: shader parameters and "user" values
+  /// become floats or strings, as many as there are.
   ParamList params(std::string_view context = {}, bool primitive = false);
 
   /// Result of a handler that must stop the whole reading (archive depth, abort).
@@ -82,7 +84,10 @@ class RequestParser : public Locator {
   bool skipping() const { return !branches_.empty() && !branches_.back().active; }
   bool condition(const std::string& text);
   bool value(Param& p);
+  bool undeclaredValue(Param& p);
+  void keepComment();
   void skipValue();
+  void skipRestOfValue();
   void complain(Severity severity, RiError code, std::string message);
   std::string describeToken() const;
   template <class T>

@@ -33,6 +33,25 @@ std::string joined(const std::vector<std::string>& names) {
   for (const std::string& n : names) r += n + ",";
   return r;
 }
+
+// RIB files may set parameters without declaring them: the reader keeps them as floats, and only here is it
+// known that three of them are a colour, or a point to be transformed.
+cache::ParamRecord typedAs(const ShaderProgram& program, std::string_view name, cache::ParamRecord given) {
+  if (given.type != cache::ParamType::kFloat) return given;
+  constexpr cache::ParamType kTypes[] = {cache::ParamType::kFloat,  cache::ParamType::kColor,
+                                         cache::ParamType::kPoint,  cache::ParamType::kVector,
+                                         cache::ParamType::kNormal, cache::ParamType::kMatrix};
+  static_assert(size_t(SlType::kFloat) == 0 && size_t(SlType::kMatrix) == 5);
+  for (const Parameter& parameter : program.parameters) {
+    if (program.symbolName(parameter.symbol) != name) continue;
+    const Symbol& s = program.symbols[parameter.symbol];
+    if (s.type > SlType::kMatrix || s.floats() != given.values.count) break;
+    given.type = kTypes[size_t(s.type)];
+    given.arrayLength = std::max(1u, s.arrayLength);
+    break;
+  }
+  return given;
+}
 }  // namespace
 
 ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
@@ -91,8 +110,10 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
   }
   const DMat4 toCurrent = host.transformToCurrent(record.transform);
   std::vector<ParameterSetting> settings;
-  for (const cache::ParamRecord& p : scene.skeleton().params(record.params))
-    settings.push_back({std::string(scene.skeleton().string(p.name)), host.value(p, &toCurrent)});
+  for (const cache::ParamRecord& p : scene.skeleton().params(record.params)) {
+    const std::string parameter(scene.skeleton().string(p.name));
+    settings.push_back({parameter, host.value(typedAs(**found, parameter, p), &toCurrent)});
+  }
   auto bound = bindShader(executable(*found, varyingParameters), toCurrent, settings, host);
   auto instance = std::make_shared<ShaderInstance>(*bound);
   instance->attributes = record.attributes;

@@ -33,6 +33,7 @@ std::vector<std::string> shaderFolders(std::string_view first, const cache::Skel
     const std::filesystem::path folder = std::filesystem::path(input.path).parent_path();
     append(folders, folder.empty() ? std::string(".") : folder.string());
   }
+  append(folders, ".");
   return folders;
 }
 

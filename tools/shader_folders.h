@@ -11,8 +11,8 @@
 
 namespace fr::tools {
 
-/// In order: `first` (colon-separated), the scene's own search path, SHADERS, the folders of the scene files.
-/// Standard shaders come after all of these (ShadingSystem::Options::standardShaders).
+/// In order: `first` (colon-separated), the scene's own search path, SHADERS, the folders of the scene files,
+/// the current folder. Standard shaders come after all of these (ShadingSystem::Options::standardShaders).
 std::vector<std::string> shaderFolders(std::string_view first, const cache::Skeleton& skeleton,
                                        std::span<const cache::RibInput> inputs);
 
