@@ -98,7 +98,7 @@ TEST(Reader, UndeclaredParameterCostsOnlyItself) {
       "Attribute \"dice\" \"what\" [1 2] \"binary\" 1\nSphere 1 -1 1 360 \"that\" [1 2]\n"
       "Surface \"s\" \"mixed\" [1 \"a\" 2] \"none\" [] \"Kd\" 2");
   EXPECT_EQ(p->rib,
-            "Attribute \"dice\" \"uniform int binary\" [1]\nSphere 1 -1 1 360\nSurface \"s\" \"uniform "
+            "Attribute \"dice\" \"uniform integer binary\" [1]\nSphere 1 -1 1 360\nSurface \"s\" \"uniform "
             "float Kd\" [2]\n");
   EXPECT_EQ(p->reports.count(RiError::kBadToken), 4) << p->reports.str();
 }
