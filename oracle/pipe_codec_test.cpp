@@ -135,7 +135,8 @@ TEST(PipeCodec, AHelloIsAQueryThatOldServersAnswer) {
 }
 
 std::unique_ptr<RayQuery> randomQuery(uint32_t seed) {
-  std::mt19937 random(seed);
+  std::mt19937 engine(seed);
+  const auto random = [&] { return uint32_t(engine()); };
   auto q = std::make_unique<RayQuery>();
   std::memset(static_cast<void*>(q.get()), 0, sizeof *q);
   q->kind = RayKind(random() % 4);
@@ -275,7 +276,8 @@ TEST(PipeCodec, GarbageEndsTheStreamWithItsPlace) {
 }
 
 TEST(PipeCodec, RandomBytesNeverDoMoreThanFail) {
-  std::mt19937 random(1);
+  std::mt19937 engine(1);
+  const auto random = [&] { return uint32_t(engine()); };
   auto q = std::make_unique<RayQuery>();
   for (int round = 0; round < 3000; ++round) {
     Bytes bytes(random() % 300);
