@@ -109,7 +109,7 @@ struct Frame {
     statistics.filterAndWriteSeconds += filterSeconds;
   }
 
-  void run(int threads) {
+  void run(int threads, int cores) {
     const auto body = [this](int) {
       try {
         work();
@@ -119,7 +119,7 @@ struct Frame {
       }
     };
     // Each body hands out tiles to itself until none is left; one that starts late finds none.
-    tbb::task_arena arena(threads);
+    tbb::task_arena arena(std::min(threads, cores));  // oneTBB has no more workers
     arena.execute([&] { tbb::parallel_for(0, threads, body, tbb::simple_partitioner()); });
   }
 };
@@ -190,7 +190,7 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
     return makeError(RiError::kSystem, "nothing can be traced: {}", ready.error().message);
 
   Frame frame(trace, options, film, output ? &*output : nullptr);
-  frame.run(threads);
+  frame.run(threads, cores);
   if (frame.stop)
     return makeError(RiError::kSystem, "rendering stopped after {} of {} tiles", frame.tilesDone,
                      frame.order.size());

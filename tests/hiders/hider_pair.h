@@ -1,0 +1,46 @@
+// One scene through both hiders: REYES, and camera rays. Each gets a cache of its own, so neither profits
+// from what the other diced.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "imaging/film.h"
+#include "tracer/render.h"
+
+namespace fr::test {
+
+/// All channels of a frame, before exposure: R G B A Z, then output variables.
+struct Channels {
+  int width = 0, height = 0;
+  std::vector<std::vector<float>> values;
+  float at(size_t channel, size_t pixel) const { return values[channel][pixel]; }
+};
+
+struct HiderPair {
+  Channels reyes, rays;
+};
+
+/// The scene by rays alone; `options` but for its callbacks and displays.
+Channels renderByRays(const std::string& rib, const std::map<std::string, std::string>& shaders = {},
+                      const tracer::TraceRenderOptions& options = {},
+                      tracer::TraceRenderStatistics* statistics = nullptr);
+
+/// Renders RIB text without writing displays. `shaders`: RSL source by name, beside the standard ones.
+/// Reports of any kind fail the test.
+HiderPair renderBoth(const std::string& rib, const std::map<std::string, std::string>& shaders = {});
+
+/// How the pixels of two pictures differ.
+struct Difference {
+  size_t pixels = 0, covered = 0;
+  size_t alpha = 0;         // pixels whose coverage differs
+  size_t depth = 0;         // pixels that both see something in, at different depths
+  double worstDepth = 0;    // relative, of those that agree
+  double colorRms = 0;      // over all pixels and colours
+  double alphaSum[2] = {};  // of REYES, of rays
+  size_t outline = 0;       // pixels at a border of coverage or at a jump of depth: where noise can be
+};
+Difference compare(const HiderPair& pair, double depthTolerance);
+
+}  // namespace fr::test

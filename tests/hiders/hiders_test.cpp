@@ -1,0 +1,155 @@
+// Two independent hiders over one cache: what REYES draws and what camera rays see must be the same.
+//
+// Both place their samples alike, and these scenes have one sample a pixel and a box filter, so a pixel is a
+// sample and the comparison is sample by sample. REYES snaps vertices to 1/1024 pixel: an edge moves by at
+// most half a step's diagonal, 1/1448 pixel. Only samples within that of an outline may differ: on average
+// 2 * sqrt(2) / 1448 = 0.002 of the pixels along outlines. Their number is Poisson distributed.
+#include <gtest/gtest.h>
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tests/hiders/hider_pair.h"
+
+namespace fr::test {
+namespace {
+
+struct Scene {
+  const char* name;
+  std::string options, world;
+  std::map<std::string, std::string> shaders = {};
+  double colorRms = 0.004;
+};
+
+std::ostream& operator<<(std::ostream& out, const Scene& s) { return out << s.name; }
+
+const std::string kPerspective = "Projection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\n";
+const std::string kLit =
+    "LightSource \"distantlight\" 1 \"from\" [1 1 -2] \"to\" [0 0 0]\nSurface \"matte\"\n";
+
+std::string rib(const Scene& s, const std::string& more = "") {
+  return "Format 240 240 1\nPixelSamples 1 1\nPixelFilter \"box\" 1 1\n" + more + s.options + "WorldBegin\n" +
+         kLit + s.world + "WorldEnd\n";
+}
+
+/// A wavy height field of n x n quads, dense enough to become meshlets.
+std::string denseMesh(int n) {
+  std::string faces, vertices, points;
+  for (int i = 0; i < n * n; ++i) {
+    const int x = i % n, y = i / n, a = y * (n + 1) + x;
+    faces += "4 ";
+    vertices += fmt::format("{} {} {} {} ", a, a + 1, a + n + 2, a + n + 1);
+  }
+  for (int y = 0; y <= n; ++y)
+    for (int x = 0; x <= n; ++x)
+      points += fmt::format("{} {} {} ", 2.4 * x / n - 1.2, 2.4 * y / n - 1.2,
+                            0.1 * std::sin(17.0 * x / n) * std::cos(13.0 * y / n));
+  return "PointsPolygons [" + faces + "] [" + vertices + "] \"P\" [" + points + "]\n";
+}
+
+const std::string kCube =
+    "SubdivisionMesh \"catmull-clark\" [4 4 4 4 4 4] [0 1 3 2 4 6 7 5 0 4 5 1 2 3 7 6 0 2 6 4 1 5 7 3] [] [] "
+    "[] [] \"P\" [-1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1]\n";
+const std::string kWave =
+    "Patch \"bicubic\" \"P\" [-1.5 -1.5 0 -0.5 -1.5 1 0.5 -1.5 -1 1.5 -1.5 0  -1.5 -0.5 1 -0.5 -0.5 2 0.5 "
+    "-0.5 -2 1.5 -0.5 0  -1.5 0.5 0 -0.5 0.5 -1 0.5 0.5 1 1.5 0.5 0  -1.5 1.5 0 -0.5 1.5 0 0.5 1.5 0 1.5 1.5 "
+    "1]\n";
+const std::map<std::string, std::string> kBumps = {
+    {"bumps",
+     "displacement bumps() { normal n = normalize(N); P += 0.1 * sin(20 * u) * sin(20 * v) * n;"
+     " N = calculatenormal(P); }\n"}};
+const std::string kDisplace =
+    "Attribute \"displacementbound\" \"float sphere\" [0.2]\nDisplacement \"bumps\"\n";
+
+const std::vector<Scene> kScenes = {
+    {"Quadrics", kPerspective,
+     "AttributeBegin Translate -0.8 0.8 0 Sphere 0.6 -0.6 0.6 360 AttributeEnd\n"
+     "AttributeBegin Translate 0.8 0.8 0 Rotate 50 1 1 0 Torus 0.5 0.2 0 360 360 AttributeEnd\n"
+     "AttributeBegin Translate -0.8 -0.8 0 Rotate 70 1 0.3 0 Cylinder 0.4 -0.5 0.5 300 AttributeEnd\n"
+     "AttributeBegin Translate 0.8 -0.8 0 Rotate -70 1 0.3 0 Cone 1 0.5 360 AttributeEnd\n"
+     "AttributeBegin Translate 0 0 0.4 Rotate 30 1 1 0 Disk 0 0.5 360 AttributeEnd\n"
+     "AttributeBegin Rotate 80 1 0 0 Hyperboloid 0.2 0 -0.4 0 0.3 0.5 360 AttributeEnd\n"},
+    {"Polygons", kPerspective,
+     "Rotate 30 1 1 1\nPolygon \"P\" [-1 -1 0 1 -1 0 1 1 0 -1 1 0]\n"
+     "Translate 0 0 0.3 Polygon \"P\" [-1.2 -1 0 1 -1 0.5 0 1 0]\n"
+     "GeneralPolygon [4 3] \"P\" [-1 -1 -0.5 1 -1 -0.5 1 1 -0.5 -1 1 -0.5  0 -0.5 -0.5 0.5 0.5 -0.5 -0.5 0.5 "
+     "-0.5]\n"},
+    // Faceted: a meshlet's vertex has one normal in REYES, that of one of its faces, and a hit its face's.
+    {"DensePolygons", kPerspective, "Rotate 50 1 0.4 0\n" + denseMesh(150), {}, 0.012},
+    {"Patches", kPerspective, "Rotate 40 1 0.2 0\n" + kWave},
+    {"Subdivision", kPerspective, "Rotate 30 1 1 0\n" + kCube},
+    {"Displaced", kPerspective, kDisplace + "Sphere 1 -1 1 360\n", kBumps, 0.008},
+    {"DisplacedPatches", kPerspective, kDisplace + "Rotate 40 1 0.2 0\n" + kWave, kBumps, 0.008},
+    {"LongFloor", kPerspective,
+     "AttributeBegin Rotate -60 1 0 0 Patch \"bilinear\" \"P\" [-50 -50 1 50 -50 1 -50 50 1 50 50 1] "
+     "AttributeEnd Sphere 0.7 -0.7 0.7 360\n"},
+    {"Transparent", kPerspective,
+     "Opacity [0.5 0.3 0.7] Sphere 1 -1 1 360\nOpacity [0.2 0.2 0.2] Rotate 30 1 1 0 Torus 1 0.3 0 360 "
+     "360\n" +
+         kCube},
+    {"NearAndFarPlanes", "Clipping 4.3 5.2\n" + kPerspective, "Rotate 20 1 1 0 Sphere 1 -1 1 360\n" + kCube},
+    {"OneSided", kPerspective,
+     "Sides 1 Sphere 1 -1 0.3 300\nRotate 70 1 0 0 ReverseOrientation Sphere 1.2 -0.2 0.3 300\n"
+     "Scale -1 1 1 Torus 1 0.2 0 360 200\n"},
+    {"Mirrored", kPerspective + "Scale -1 1.3 0.8\n", "Sides 1 Rotate 30 1 1 0 Torus 0.9 0.4 0 360 300\n"},
+    {"Orthographic", "Projection \"orthographic\"\nScreenWindow -1.5 1.2 -1.4 1.6\nTranslate 0 0 5\n",
+     "Rotate 40 1 0.2 0\n" + kCube + "Atmosphere \"fog\" \"distance\" [6] " + kWave},
+    {"OddFormat", "Format 300 200 1.3\nScreenWindow -1 0.7 -0.5 0.9\n" + kPerspective,
+     "Rotate 50 1 1 0 Torus 0.9 0.4 0 360 360\n"},
+    {"Matte", kPerspective,
+     "AttributeBegin Matte 1 Translate 0.4 0 -1 Sphere 0.5 -0.5 0.5 360 AttributeEnd\n"
+     "AttributeBegin Matte 1 Opacity [0.5 0.5 0.5] Translate -0.5 0 -1 Sphere 0.5 -0.5 0.5 360 AttributeEnd\n"
+     "Sphere 1 -1 1 360\n"},
+    {"Smooth", kPerspective, "ShadingInterpolation \"smooth\" Rotate 50 1 1 0 Torus 0.9 0.4 0 360 360\n"},
+    {"Fog", kPerspective, "Atmosphere \"fog\" \"distance\" [4] \"background\" [0.2 0.3 0.6]\n" + kCube, {}},
+    {"CameraVisibility", kPerspective,
+     "AttributeBegin Attribute \"render\" \"integer visibility\" [6] Sphere 1 -1 1 360 AttributeEnd\n"
+     "Translate 0.4 0 0 Sphere 0.8 -0.8 0.8 360\n"},
+    {"Shadows",
+     kPerspective,
+     "Attribute \"light\" \"string shadows\" [\"on\"] LightSource \"pointlight\" 2 \"intensity\" [9] "
+     "\"from\" "
+     "[-1.5 2 -2]\n"
+     "AttributeBegin Translate 0 0 0.8 Polygon \"P\" [-2 -2 0 -2 2 0 2 2 0 2 -2 0] AttributeEnd\n"
+     "Sphere 0.6 -0.6 0.6 360\n",
+     {},
+     0.02},
+    {"Mirror",
+     kPerspective,
+     "AttributeBegin Surface \"raymirror\" Translate -0.7 0 0 Sphere 0.7 -0.7 0.7 360 AttributeEnd\n"
+     "AttributeBegin Color [1 0.3 0.2] Translate 0.9 -0.1 -0.3 Rotate 90 1 0 0 Torus 0.5 0.2 0 360 360 "
+     "AttributeEnd\n",
+     {{"raymirror",
+       "surface raymirror() { normal Nf = faceforward(normalize(N), I); Oi = Os;\n"
+       "  Ci = Os * Cs * 0.8 * trace(P, reflect(normalize(I), Nf)) + 0.05; }\n"}},
+     0.02},
+};
+
+class Hiders : public testing::TestWithParam<Scene> {};
+INSTANTIATE_TEST_SUITE_P(Scenes, Hiders, testing::ValuesIn(kScenes),
+                         [](const auto& i) { return std::string(i.param.name); });
+
+TEST_P(Hiders, Agree) {
+  const Difference d = compare(renderBoth(rib(GetParam()), GetParam().shaders), 1e-3);
+  const double expected = 0.002 * double(d.outline), allowed = expected + 4 * std::sqrt(expected) + 2;
+  EXPECT_GT(d.covered, d.pixels / 20);
+  EXPECT_LT(double(d.alpha), allowed) << "coverage differs in so many samples; outline: " << d.outline;
+  EXPECT_LT(double(d.depth), allowed) << "depth differs in so many samples; outline: " << d.outline;
+  // Micropolygons of a pixel have one colour, rays the colour at the sample.
+  EXPECT_LT(d.colorRms, GetParam().colorRms);
+  RecordProperty("colorRms", std::to_string(d.colorRms));
+}
+
+TEST(HiderColors, ConvergeWithTheShadingRate) {
+  const Scene& torus = *std::find_if(kScenes.begin(), kScenes.end(),
+                                     [](const Scene& s) { return s.name == std::string("OddFormat"); });
+  const double coarse = compare(renderBoth(rib(torus, "ShadingRate 4\n")), 1e-2).colorRms;
+  const double fine = compare(renderBoth(rib(torus, "ShadingRate 0.25\n")), 1e-2).colorRms;
+  // Micropolygons a quarter as wide: their colours are off by a quarter.
+  EXPECT_LT(fine, 0.4 * coarse);
+}
+
+}  // namespace
+}  // namespace fr::test
