@@ -10,6 +10,8 @@ endforeach()
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/frankenrender)
 install(EXPORT frankenrender FILE frankenrenderTargets.cmake NAMESPACE frankenrender:: DESTINATION ${package_dir})
+# The C library alone, for find_package(frankenrender COMPONENTS frankenray): it needs nothing else of the package.
+install(EXPORT frankenray FILE frankenrayTargets.cmake NAMESPACE frankenrender:: DESTINATION ${package_dir})
 configure_package_config_file(cmake/frankenrenderConfig.cmake.in
                               ${PROJECT_BINARY_DIR}/frankenrenderConfig.cmake INSTALL_DESTINATION ${package_dir})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/frankenrenderConfigVersion.cmake
