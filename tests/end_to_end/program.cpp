@@ -21,7 +21,8 @@ namespace fr::test {
 
 Outcome run(const std::string& name, const std::vector<std::string>& arguments,
             const std::filesystem::path& directory, const std::function<void(int)>& whileRunning,
-            const std::map<std::string, std::string>& environment) {
+            const std::map<std::string, std::string>& environment,
+            const std::filesystem::path& standardInput) {
   int out[2], err[2];
   Outcome result;
   if (pipe2(out, O_CLOEXEC) != 0) return result;
@@ -34,6 +35,7 @@ Outcome run(const std::string& name, const std::vector<std::string>& arguments,
   if (pid == 0) {
     dup2(out[1], 1);
     dup2(err[1], 2);
+    if (!standardInput.empty()) dup2(open(standardInput.c_str(), O_RDONLY | O_CLOEXEC), 0);
     for (const auto& [k, v] : environment) setenv(k.c_str(), v.c_str(), 1);
     if (chdir(directory.c_str()) != 0) _exit(126);
     execv(program.c_str(), argv.data());
@@ -44,7 +46,7 @@ Outcome run(const std::string& name, const std::vector<std::string>& arguments,
   if (whileRunning) whileRunning(pid);
   pollfd fds[2] = {{out[0], POLLIN, 0}, {err[0], POLLIN, 0}};
   std::string* text[2] = {&result.out, &result.err};
-  for (int open = 2; open > 0;) {
+  for (int left = 2; left > 0;) {
     if (poll(fds, 2, -1) < 0) break;
     for (int i = 0; i < 2; ++i) {
       if (fds[i].fd < 0 || fds[i].revents == 0) continue;
@@ -55,7 +57,7 @@ Outcome run(const std::string& name, const std::vector<std::string>& arguments,
       } else {
         close(fds[i].fd);
         fds[i].fd = -1;
-        --open;
+        --left;
       }
     }
   }

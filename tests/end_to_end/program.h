@@ -16,10 +16,11 @@ struct Outcome {
 };
 
 /// Runs build/bin/<name> with `arguments` in `directory`. `whileRunning(pid)` is called once, right after the
-/// start.
+/// start. `standardInput`: a file to read, else the test's own.
 Outcome run(const std::string& name, const std::vector<std::string>& arguments,
             const std::filesystem::path& directory, const std::function<void(int)>& whileRunning = {},
-            const std::map<std::string, std::string>& environment = {});
+            const std::map<std::string, std::string>& environment = {},
+            const std::filesystem::path& standardInput = {});
 
 /// A fresh directory under the system's temporary folder, removed at the end of the test.
 class Workspace {
