@@ -235,7 +235,7 @@ TEST(Rendrib, APrebuiltCacheGivesTheSamePicture) {
 
 class RendribExamples : public testing::TestWithParam<std::pair<const char*, double>> {};
 INSTANTIATE_TEST_SUITE_P(Examples, RendribExamples,
-                         testing::Values(std::pair("teapots", 0.025), std::pair("dragon", 0.004)));
+                         testing::Values(std::pair("teapots", 0.04), std::pair("dragon", 0.004)));
 
 TEST_P(RendribExamples, LookAsReyesDrawsThem) {
   Workspace w;
@@ -278,7 +278,8 @@ TEST_P(RendribExamples, LookAsReyesDrawsThem) {
   const double expected = 4 * 0.002 * double(outline), allowed = expected + 4 * std::sqrt(expected) + 2;
   EXPECT_LT(double(alpha), allowed) << "outline " << outline;
   EXPECT_LT(double(depth), allowed) << "outline " << outline;
-  // REYES traces reflections at half the tessellation and colours whole micropolygons.
+  // REYES colours whole micropolygons, and traces reflections at half the tessellation. The difference halves
+  // when the micropolygons are half as wide (0.0145 at ShadingRate 1, 0.0074 at 0.25 for the teapots).
   EXPECT_LT(std::sqrt(squares / (3 * 160 * 90)), colorTolerance);
 }
 
