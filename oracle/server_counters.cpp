@@ -58,7 +58,8 @@ RayServerNumbers readAll(const shm::Segment& s) {
 }  // namespace
 
 Result<std::unique_ptr<ServerCounters>> ServerCounters::create() {
-  auto fd = shm::createSealedMemory(options().name, kBytes);
+  // A page of surplus: segments keep their last bytes to themselves.
+  auto fd = shm::createSealedMemory(options().name, kBytes + 4096);
   if (!fd) return std::move(fd).error();
   auto memory = shm::Segment::attach(std::move(fd).value(), shm::Access::kReadWrite, options());
   if (!memory) return std::move(memory).error();
