@@ -104,6 +104,11 @@ uint64_t parseGroupLimit(std::string_view text) {
   return !v || *v >= (1ull << 60) ? kUnlimited : *v;
 }
 
+uint64_t outOfMemoryKills() {
+  const auto text = readSmallFile("/proc/vmstat");
+  return text ? findValue(*text, "oom_kill ", 1).value_or(0) : 0;
+}
+
 Result<ProcessMemory> processMemory(pid_t pid) {
   const std::string path = procPath(pid, "smaps_rollup");
   const auto text = readSmallFile(path);

@@ -37,6 +37,10 @@ struct AvailableMemory {
 /// ms.
 AvailableMemory availableMemory();
 
+/// Processes that the kernel has killed since it started because memory ran out, on the machine or in a
+/// control group: compare before and after. 0 where it does not say. Thread-safe.
+uint64_t outOfMemoryKills();
+
 /// Parsers of the kernel's files, apart for the tests. `text` is input from outside: bad lines are skipped.
 uint64_t parseMemAvailable(std::string_view meminfo);
 /// memory.max / memory.limit_in_bytes: kUnlimited for "max", rubbish, and version 1's huge "no limit" value.

@@ -1,6 +1,14 @@
 #include "tracer/server.h"
 
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
 #include <cstring>
+#include <new>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -16,6 +24,43 @@ using std::chrono::milliseconds;
 /// (hang-up).
 constexpr milliseconds kIdle{1000};
 constexpr int kMostThreads = 1024;
+
+/// operator new's last resort: nobody can go on without memory, and the client shall know why we ended.
+[[noreturn]] void outOfMemory() {
+  static constexpr char kText[] = "rendrib: error: out of memory\n";  // no allocation here
+  (void)!::write(STDERR_FILENO, kText, sizeof kText - 1);
+  ::_exit(kOutOfMemoryStatus);
+}
+
+/// Ends the process when the client is gone, whatever the other threads are doing: building a tree or shading
+/// a hit may take minutes. Nothing needs tidying up: memory and descriptors go with the process, and claims
+/// on cache nodes are taken over from the dead.
+class HangUpWatch {
+ public:
+  explicit HangUpWatch(int socket)
+      : socket_(::fcntl(socket, F_DUPFD_CLOEXEC, 0)), end_(::eventfd(0, EFD_CLOEXEC)) {
+    thread_ = std::thread([this] { watch(); });
+  }
+  ~HangUpWatch() {
+    const uint64_t one = 1;
+    (void)!::write(end_.get(), &one, sizeof one);
+    thread_.join();
+  }
+  HangUpWatch(const HangUpWatch&) = delete;
+  HangUpWatch& operator=(const HangUpWatch&) = delete;
+
+ private:
+  void watch() const {
+    pollfd fds[2] = {{socket_.get(), POLLRDHUP, 0}, {end_.get(), POLLIN, 0}};
+    for (;;) {
+      if (::poll(fds, 2, -1) < 0) continue;  // EINTR, or no memory for a moment
+      if (fds[0].revents) ::_exit(0);
+      if (fds[1].revents) return;
+    }
+  }
+  shm::FileDescriptor socket_, end_;
+  std::thread thread_;
+};
 
 /// What the channel server calls from its threads.
 class Handler : public shm::ChannelHandler {
@@ -44,7 +89,13 @@ class Handler : public shm::ChannelHandler {
   /// One per thread; the threads end before the tracer does.
   AnswerThread& workplace() {
     thread_local std::unique_ptr<AnswerThread> thread;
-    if (!thread) thread = std::make_unique<AnswerThread>(tracer_);
+    if (!thread) {
+      // Better no answer than misses everywhere: the client would take them for the scene. The reason was
+      // reported.
+      if (const Result<void> r = tracer_.prepare(); !r)
+        ::_exit(r.error().code == RiError::kNoMem ? kOutOfMemoryStatus : kUntraceableStatus);
+      thread = std::make_unique<AnswerThread>(tracer_);
+    }
     return *thread;
   }
 
@@ -117,7 +168,13 @@ class Server {
     auto server = shm::ChannelServer::create(*handler_, {});
     if (!server) return std::move(server).error();
     server_ = std::move(server).value();
-    for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { server_->run(); });
+    try {
+      for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { server_->run(); });
+    } catch (const std::system_error& e) {
+      if (threads_.empty()) return makeError(RiError::kSystem, "no thread can be started: {}", e.what());
+      reportWarning(RiError::kSystem, "only {} of {} threads could be started: {}", threads_.size(), threads,
+                    e.what());
+    }
     auto board = server_->board()->share();
     if (!board) return std::move(board).error();
     const int fd = board->get();
@@ -127,7 +184,11 @@ class Server {
   Result<void> addChannel(ReceivedMessage& m) {
     if (!server_ || m.descriptors.size() != 1)
       return makeError(RiError::kBadFile, "a channel came without a scene or a descriptor");
-    auto id = server_->add(std::move(m.descriptors[0]), nullptr, [this] { return parent_.alive(); });
+    // Whoever notices first ends the process: the end of the client is no fault to be reported.
+    auto id = server_->add(std::move(m.descriptors[0]), nullptr, [this] {
+      if (!parent_.alive()) ::_exit(0);
+      return true;
+    });
     if (!id) return std::move(id).error();
     return sendMessage(parent_, MessageType::kAdded);
   }
@@ -155,6 +216,15 @@ class Server {
 
 }  // namespace
 
-Result<void> serveParent(shm::PeerSocket parent) { return Server(std::move(parent)).run(); }
+Result<void> serveParent(shm::PeerSocket parent) {
+  for (const int s : {SIGINT, SIGHUP, SIGPIPE, SIGXFSZ}) ::signal(s, SIG_IGN);
+  std::set_new_handler(outOfMemory);
+  try {
+    const HangUpWatch watch(parent.descriptor());
+    return Server(std::move(parent)).run();
+  } catch (const std::exception& e) {
+    return makeError(RiError::kSystem, "{}", e.what());
+  }
+}
 
 }  // namespace fr::tracer

@@ -1,144 +1,33 @@
 #include "tracer/shm_oracle.h"
 
-#include <unistd.h>
-
+#include <algorithm>
 #include <array>
-#include <mutex>
-#include <thread>
 
+#include "oracle/query_fields.h"
 #include "shm/channel.h"
 #include "tracer/inproc_oracle.h"
-#include "tracer/server_messages.h"
+#include "tracer/tracer_process.h"
 
 namespace fr::tracer {
 
-using std::chrono::milliseconds;
-
 namespace {
 
-/// A tracer that answers nothing on its socket for so long, though it lives, is stuck. Loading shaders comes
-/// before the first answer, building the ray scene does not.
-constexpr milliseconds kConversation{60000};
-
-std::string programBeside(const char* name) {
-  char path[4096];
-  const ssize_t n = readlink("/proc/self/exe", path, sizeof path - 1);
-  if (n <= 0) return name;
-  std::string s(path, size_t(n));
-  return s.substr(0, s.rfind('/') + 1) + name;
-}
+/// A block that was in flight when so many tracers died is taken for the reason of their deaths. Blocks are
+/// asked again oldest first, so one that is merely unlucky has been answered long before.
+constexpr int kMostDeathsOfABlock = 16;
 
 }  // namespace
 
-/// The process and the conversation with it, shared with the lines.
 struct ShmOracleService::State {
-  cache::SceneCache& cache;
-  Options options;
-  std::mutex mutex;  // all below
-  std::optional<shm::ChildProcess> child;
-  std::shared_ptr<shm::ServerBoard> board;
-  std::optional<Error> failed;  // for good
-
-  State(cache::SceneCache& c, Options o) : cache(c), options(std::move(o)) {}
-
-  /// How the tracer ended, as one sentence. REQUIRES mutex.
-  Error gone() {
-    if (!failed) {
-      std::string how = "does not answer";
-      if (child) {
-        child->wait(milliseconds(200));  // a socket closes a moment before its process can be reaped
-        how = child->statusText();
-        if (how.starts_with("killed"))
-          how = "was " + how;
-        else if (how == "running")
-          how = "does not answer";
-      }
-      failed = makeError(RiError::kSystem, "the ray tracer process {}", how);
-    }
-    return *failed;
-  }
-
-  /// Sends and waits for the answer of type `wanted`. REQUIRES mutex, child.
-  Result<ReceivedMessage> converse(MessageType type, MessageType wanted, std::span<const std::byte> body = {},
-                                   std::string_view text = {}, std::span<const int> fds = {}) {
-    shm::PeerSocket& socket = child->socket();
-    if (!sendMessage(socket, type, body, text, fds)) return gone();
-    auto got = receiveMessage(socket, kConversation);
-    if (!got) return got.error().code == RiError::kVersion ? std::move(got).error() : gone();
-    if (!*got) return gone();
-    if ((**got).type == MessageType::kRefused)
-      return makeError(RiError::kSystem, "the ray tracer process refused: {}", (**got).text());
-    if ((**got).type != wanted)
-      return makeError(RiError::kBadFile, "the ray tracer process gave an answer that was not asked for");
-    return std::move(**got);
-  }
-
-  /// REQUIRES mutex.
-  Result<void> start() {
-    if (failed) return *failed;
-    if (board) return {};
-    Result<void> r = startProcess();
-    if (!r && !failed) failed = r.error();
-    return r;
-  }
-
-  Result<void> startProcess() {
-    shm::SpawnOptions spawn;
-    spawn.program = options.program.empty() ? programBeside("rendrib") : options.program;
-    spawn.arguments = options.arguments;
-    auto started = shm::ChildProcess::spawn(spawn);
-    if (!started) return std::move(started).error().context("the ray tracer cannot be started");
-    child.emplace(std::move(started).value());
-    for (const std::string& path : options.shaderPath)
-      if (Result<void> r = sendMessage(child->socket(), MessageType::kPath, {}, path); !r)
-        return r.error().code == RiError::kRange ? std::move(r).error() : gone();
-    SceneMessage scene{};
-    scene.threads =
-        options.threads > 0 ? options.threads : int(std::max(1u, std::thread::hardware_concurrency()));
-    scene.maxRayLevel = options.maxRayLevel;
-    scene.patchMultiplier = options.patchMultiplier;
-    const auto fds = cache.segments();
-    const std::array<int, 3> three{fds.skeleton, fds.nodes, fds.arena};
-    auto ready = converse(MessageType::kScene, MessageType::kReady, std::as_bytes(std::span(&scene, 1)),
-                          options.standardShaders, three);
-    if (!ready) return std::move(ready).error();
-    if (ready->descriptors.size() != 1)
-      return makeError(RiError::kBadFile, "the ray tracer process sent no board");
-    auto attached = shm::ServerBoard::attach(std::move(ready->descriptors[0]));
-    if (!attached) return std::move(attached).error();
-    board = std::move(attached).value();
-    return {};
-  }
-
-  Result<shm::ClientChannel> openChannel() {
-    std::lock_guard lock(mutex);
-    if (Result<void> r = start(); !r) return std::move(r).error();
-    shm::ClientChannel::Options o;
-    o.config.blockCount = kBlocksPerLine;
-    o.config.blockBytes = sizeof(RayQuery);
-    // The child stays in place until the state ends, and lines hold the state.
-    o.serverAlive = [process = &*child] { return process->alive(); };
-    auto channel = shm::ClientChannel::create(board, std::move(o));
-    if (!channel) return std::move(channel).error();
-    auto fd = channel->share();
-    if (!fd) return std::move(fd).error();
-    const int one = fd->get();
-    auto added = converse(MessageType::kChannel, MessageType::kAdded, {}, {}, std::span(&one, 1));
-    if (!added) return std::move(added).error();
-    return channel;
-  }
-
-  /// What to tell a line whose channel broke.
-  Error explain(const Error& channelError) {
-    std::lock_guard lock(mutex);
-    if (failed) return *failed;
-    if (child && !child->alive()) return gone();
-    return channelError;
-  }
+  TracerProcess process;
+  State(cache::SceneCache& c, Options o) : process(c, std::move(o)) {}
 };
 
-/// One line. Blocks live in the channel; before there is one, and after it broke, in a private block that can
-/// be filled but not submitted.
+/// One line. Blocks live in the channel; before there is one, and after the last tracer died, in a private
+/// block that can be filled but not submitted.
+///
+/// When a tracer dies, the caller's blocks stay where they are, in the old channel's memory; what was in
+/// flight is copied into blocks of the next tracer's channel, and its answers back.
 class ShmOracle : public RayOracle {
  public:
   explicit ShmOracle(std::shared_ptr<ShmOracleService::State> state) : state_(std::move(state)) {}
@@ -147,114 +36,201 @@ class ShmOracle : public RayOracle {
   Result<SingleAnswer> ask(const SingleRayMail& ray) override {
     if (ray.ray.kind > uint32_t(RayKind::kFullTrace))
       return makeError(RiError::kRange, "{} is no kind of ray", ray.ray.kind);
-    open();
-    if (error_) return *error_;
     const RayKind kind = RayKind(ray.ray.kind);
-    std::array<std::byte, shm::kMailBytes> bytes;
-    const Result<uint32_t> n = channel_->call(singleRayBytes(ray), bytes);
-    if (!n) return channel_->error() ? fail(n.error()) : n.error();
-    SingleAnswer answer;
-    if (!readSingleAnswer(std::span(bytes).first(*n), kind, answer))
-      return makeError(RiError::kConsistency, "the ray tracer's answer to a single ray has {} bytes", *n);
-    return answer;
+    for (int deaths = 0;;) {
+      open();
+      if (error_) return *error_;
+      std::array<std::byte, shm::kMailBytes> bytes;
+      const Result<uint32_t> n = channel_->call(singleRayBytes(ray), bytes);
+      if (n) {
+        noteAnswer();
+        SingleAnswer answer;
+        if (!readSingleAnswer(std::span(bytes).first(*n), kind, answer))
+          return makeError(RiError::kConsistency, "the ray tracer's answer to a single ray has {} bytes", *n);
+        return answer;
+      }
+      if (!channel_->error()) return n.error();
+      if (Result<void> r = recover(n.error()); !r) return std::move(r).error();
+      if (++deaths >= kMostDeathsOfABlock) return fail(tooManyDeaths());
+    }
   }
 
   RayQuery* acquire() override {
     open();
+    if (!error_ && channel_->error()) (void)recover(*channel_->error());
     if (error_) {
       if (!orphan_) orphan_ = std::make_unique<RayQuery>();
       return orphan_.get();
     }
-    const std::optional<uint32_t> index = channel_->acquire();
-    if (!index) return nullptr;
-    const std::span<std::byte> bytes = channel_->data(*index);
-    if (bytes.size() < sizeof(RayQuery) || *index >= slots_.size()) return nullptr;
-    slots_[*index] = {reinterpret_cast<RayQuery*>(bytes.data()), SlotState::kFilling};
-    return slots_[*index].query;
+    const auto slot =
+        std::find_if(slots_.begin(), slots_.end(), [](const Slot& s) { return s.state == SlotState::kFree; });
+    if (slot == slots_.end() || !takeBlock(*slot)) return nullptr;
+    slot->query = slot->shared;
+    slot->home = channel_;
+    slot->state = SlotState::kFilling;
+    return slot->query;
   }
 
   Result<void> submit(RayQuery* q) override {
     if (error_) return *error_;
-    const int i = find(q);
-    if (i < 0 || slots_[size_t(i)].state != SlotState::kFilling)
+    Slot* s = find(q);
+    if (!s || s->state != SlotState::kFilling)
       return makeError(RiError::kBadHandle, "a block of rays was submitted that was not acquired");
-    if (Result<void> r = channel_->submit(uint32_t(i)); !r) return fail(r.error());
-    slots_[size_t(i)].state = SlotState::kSubmitted;
+    s->questions.keep(*q);
+    s->count = std::min(q->count, kMaxRays);
+    s->kind = q->kind;
+    s->order = nextOrder_++;
+    s->deaths = 0;
+    s->state = SlotState::kSubmitted;
+    if (Result<void> r = send(*s); !r) return recover(r.error());
     return {};
   }
 
   bool answered(const RayQuery* q) const override {
-    const int i = find(q);
-    if (i < 0) return false;
-    Slot& s = slots_[size_t(i)];
-    if (s.state == SlotState::kSubmitted && !error_) {
-      switch (channel_->poll(uint32_t(i))) {
+    Slot* s = find(q);
+    if (!s) return false;
+    if (s->state == SlotState::kSubmitted && !error_) {
+      switch (channel_->poll(s->block)) {
         case shm::BlockStatus::kDone:
-          s.state = SlotState::kAnswered;
+          if (s->shared != s->query) copyAnswers(*s->shared, *s->query, s->count);
+          s->state = SlotState::kAnswered;
+          noteAnswer();
           break;
         case shm::BlockStatus::kFailed:  // the server would not have it: nothing was hit
-          makeMisses(*s.query);
-          s.state = SlotState::kAnswered;
+          makeMisses(*s);
+          s->state = SlotState::kAnswered;
           break;
-        default:
+        default:  // in flight; a broken channel is for wait() to mend
           break;
       }
     }
-    return s.state == SlotState::kAnswered;
+    return s->state == SlotState::kAnswered;
   }
 
   Result<void> wait() override {
-    if (error_) return *error_;
-    std::array<uint32_t, kBlocksPerLine> pending;
-    size_t n = 0;
-    for (uint32_t i = 0; i < slots_.size(); ++i) {
-      if (slots_[i].state == SlotState::kAnswered) return {};
-      if (slots_[i].state == SlotState::kSubmitted) pending[n++] = i;
+    for (;;) {
+      if (error_) return *error_;
+      // answered() may have found it broken. First: a caller that leaves an answered block alone would come
+      // back and back.
+      if (channel_ && channel_->error())
+        if (Result<void> again = recover(*channel_->error()); !again) return again;
+      std::array<uint32_t, kBlocksPerLine> pending;
+      size_t n = 0;
+      for (const Slot& s : slots_) {
+        if (s.state == SlotState::kAnswered) return {};
+        if (s.state == SlotState::kSubmitted) pending[n++] = s.block;
+      }
+      if (n == 0) return makeError(RiError::kIllState, "waiting for rays, but none were submitted");
+      Result<uint32_t> r = channel_->waitAny(std::span(pending.data(), n));
+      if (r) return {};
+      if (Result<void> again = recover(r.error()); !again) return again;
     }
-    if (n == 0) return makeError(RiError::kIllState, "waiting for rays, but none were submitted");
-    Result<uint32_t> r = channel_->waitAny(std::span(pending.data(), n));
-    if (!r) return fail(r.error());
-    return {};
   }
 
   void release(RayQuery* q) override {
-    const int i = find(q);
-    if (i < 0) return;
-    Slot& s = slots_[size_t(i)];
-    if (s.state == SlotState::kSubmitted) return;  // the server's
-    channel_->release(uint32_t(i));
-    s = {};
+    Slot* s = find(q);
+    if (!s || s->state == SlotState::kSubmitted) return;  // the server's
+    if (s->block != kNoBlock) channel_->release(s->block);
+    s->state = SlotState::kFree;
+    s->query = s->shared = nullptr;
+    s->block = kNoBlock;
+    s->home.reset();
   }
 
  private:
+  static constexpr uint32_t kNoBlock = ~0u;
   enum class SlotState : uint8_t { kFree, kFilling, kSubmitted, kAnswered };
   struct Slot {
-    RayQuery* query = nullptr;
+    RayQuery* query = nullptr;                 // what the caller sees
+    std::shared_ptr<shm::ClientChannel> home;  // whose memory that is
+    RayQuery* shared = nullptr;                // the block in the present channel: mostly the same
+    uint32_t block = kNoBlock;                 // its index
     SlotState state = SlotState::kFree;
+    RayKind kind{};
+    uint32_t count = 0;
+    int deaths = 0;           // tracers that died since it was submitted
+    uint64_t order = 0;       // of submission
+    KeptQuestions questions;  // a dying tracer may have left anything in the block
   };
 
   void open() {
     if (channel_ || error_) return;
-    auto opened = state_->openChannel();
-    if (opened)
-      channel_.emplace(std::move(opened).value());
+    auto line = state_->process.open();
+    if (line)
+      channel_ = std::move(line->channel), life_ = line->life;
     else
-      error_ = std::move(opened).error();
+      error_ = std::move(line).error();
   }
-  int find(const RayQuery* q) const {
-    for (size_t i = 0; i < slots_.size(); ++i)
-      if (q && slots_[i].query == q) return int(i);
-    return -1;
+
+  /// Gives the slot a block of the present channel.
+  bool takeBlock(Slot& s) {
+    const std::optional<uint32_t> index = channel_->acquire();
+    if (!index) return false;
+    const std::span<std::byte> bytes = channel_->data(*index);
+    if (bytes.size() < sizeof(RayQuery)) return false;
+    s.block = *index;
+    s.shared = reinterpret_cast<RayQuery*>(bytes.data());
+    return true;
   }
-  Error fail(const Error& e) {
-    error_ = state_->explain(e);
+
+  /// Puts a submitted slot into the ring. Errors: the channel's.
+  Result<void> send(Slot& s) {
+    if (s.block == kNoBlock) {
+      // As many blocks as slots, so there is one.
+      if (!takeBlock(s))
+        return channel_->error() ? *channel_->error() : makeError(RiError::kBug, "no block for a question");
+      s.questions.writeTo(*s.shared);
+    }
+    return channel_->submit(s.block);
+  }
+
+  /// The channel broke: brings everything that is in flight to the next tracer. Errors: for good.
+  Result<void> recover(Error why) {
+    std::vector<Slot*> flying;
+    for (Slot& s : slots_)
+      if (s.state == SlotState::kSubmitted) flying.push_back(&s);
+    std::sort(flying.begin(), flying.end(), [](const Slot* a, const Slot* b) { return a->order < b->order; });
+    for (;;) {
+      // What the dead one had finished counts.
+      std::erase_if(flying, [&](Slot* s) { return answered(s->query); });
+      for (Slot* s : flying)
+        if (++s->deaths >= kMostDeathsOfABlock) return fail(tooManyDeaths());
+      auto line = state_->process.openAfter(life_, why);
+      if (!line) return fail(std::move(line).error());
+      channel_ = std::move(line->channel), life_ = line->life;
+      noted_ = false;
+      for (Slot& s : slots_) s.block = kNoBlock, s.shared = nullptr;
+      Result<void> sent;
+      for (Slot* s : flying) {
+        s->questions.writeTo(*s->query);
+        if (sent = send(*s); !sent) break;
+      }
+      if (sent) return {};
+      why = std::move(sent).error();
+    }
+  }
+
+  Slot* find(const RayQuery* q) const {
+    for (Slot& s : slots_)
+      if (q && s.query == q) return &s;
+    return nullptr;
+  }
+  void noteAnswer() const {
+    if (!noted_) state_->process.noteAnswer(life_), noted_ = true;
+  }
+  Error fail(Error e) {
+    error_ = std::move(e);
     return *error_;
   }
-  static void makeMisses(RayQuery& q) {
-    const uint32_t n = std::min(q.count, kMaxRays);
-    const float value = q.kind == RayKind::kVisibility ? 1.0f : 0.0f;
-    for (uint32_t i = 0; i < n; ++i) {
-      q.hitDistance[i] = q.kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace;
+  static Error tooManyDeaths() {
+    return makeError(RiError::kSystem, "{} ray tracer processes died over the same questions",
+                     kMostDeathsOfABlock);
+  }
+  static void makeMisses(Slot& s) {
+    RayQuery& q = *s.query;
+    const float value = s.kind == RayKind::kVisibility ? 1.0f : 0.0f;
+    for (uint32_t i = 0; i < s.count; ++i) {
+      q.hitDistance[i] = s.kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace;
       q.missDepth[i] = 0;
       for (int c = 0; c < 3; ++c)
         q.color[c][i] = value, q.hitP[c][i] = q.hitN[c][i] = q.missP[c][i] = q.missR[c][i] = 0;
@@ -262,8 +238,11 @@ class ShmOracle : public RayOracle {
   }
 
   std::shared_ptr<ShmOracleService::State> state_;
-  mutable std::optional<shm::ClientChannel> channel_;
-  mutable std::array<Slot, kBlocksPerLine> slots_;
+  std::shared_ptr<shm::ClientChannel> channel_;
+  uint64_t life_ = 0;                               // of the tracer at its other end
+  mutable std::array<Slot, kBlocksPerLine> slots_;  // mutable: answered() notes what it finds
+  mutable bool noted_ = false;                      // that this tracer answers
+  uint64_t nextOrder_ = 0;
   std::optional<Error> error_;
   std::unique_ptr<RayQuery> orphan_;
 };
@@ -271,29 +250,14 @@ class ShmOracle : public RayOracle {
 ShmOracleService::ShmOracleService(cache::SceneCache& cache, Options options)
     : state_(std::make_shared<State>(cache, std::move(options))) {}
 
-ShmOracleService::~ShmOracleService() {
-  std::lock_guard lock(state_->mutex);
-  // Orderly: the tracer ends its threads. ~ChildProcess sees to the rest.
-  if (state_->child && state_->board && !state_->failed)
-    (void)state_->converse(MessageType::kGoodbye, MessageType::kNumbers);
-}
+ShmOracleService::~ShmOracleService() = default;
 
 Result<std::unique_ptr<RayOracle>> ShmOracleService::connect() {
   return std::unique_ptr<RayOracle>(std::make_unique<ShmOracle>(state_));
 }
 
-std::optional<TracerStatistics> ShmOracleService::statistics() {
-  std::lock_guard lock(state_->mutex);
-  if (!state_->child || !state_->board || state_->failed) return {};
-  auto numbers = state_->converse(MessageType::kStatistics, MessageType::kNumbers);
-  TracerStatistics s;
-  if (!numbers || !numbers->read(s)) return {};
-  return s;
-}
-
-int ShmOracleService::processId() const {
-  std::lock_guard lock(state_->mutex);
-  return state_->child && state_->child->alive() ? int(state_->child->pid()) : 0;
-}
+std::optional<TracerStatistics> ShmOracleService::statistics() { return state_->process.statistics(); }
+int ShmOracleService::processId() const { return state_->process.processId(); }
+uint64_t ShmOracleService::restarts() const { return state_->process.restarts(); }
 
 }  // namespace fr::tracer

@@ -15,11 +15,13 @@ namespace fr::tracer {
 /// Starts the tracer process when a line first acquires a block, and sends it the scene cache. Every line has
 /// a channel of its own with kBlocksPerLine blocks. Waiting threads sleep.
 ///
-/// Thread safety: connect(), statistics() and processId() from any thread; a line belongs to one thread at a
-/// time and must end before the service. When the tracer dies, every line gets an error that says how it
-/// ended; nobody waits for ever. The tracer ends when this process does, however that happens; nothing
-/// outlives the two. Seam for recovery: a line keeps what it needs to submit its blocks in flight again to
-/// another process.
+/// Thread safety: connect(), statistics(), processId() and restarts() from any thread; a line belongs to one
+/// thread at a time and must end before the service. When the tracer dies, another one is started, and what
+/// was in flight is asked again: lines notice nothing but the time, and the answers are the same, since an
+/// answer depends on its ray alone. One warning a death says how it ended. A tracer that dies again and again
+/// without answering anything in between, or that says that it cannot do its work, is an error for every
+/// line; nobody waits for ever. The tracer ends when this process does, however that happens; nothing
+/// outlives the two.
 class ShmOracleService : public RayOracleService {
  public:
   struct Options {
@@ -40,8 +42,10 @@ class ShmOracleService : public RayOracleService {
 
   /// Numbers of the tracer process so far. Empty when it never started or is gone.
   std::optional<TracerStatistics> statistics();
-  /// Process id of the tracer, 0 while none runs.
+  /// Process id of the tracer, also while it starts; 0 when there is none. Never waits.
   int processId() const;
+  /// Tracers that were started because the one before died. Never waits.
+  uint64_t restarts() const;
 
  private:
   friend class ShmOracle;

@@ -65,6 +65,8 @@ std::string FrameReport::text(int frameNumber) const {
   out.title(" rays");
   if (!oracleAsked) {
     out.line("none", "no live shader can ask for rays: no ray tracer was started");
+  } else if (!tracer && frame.rayBatches > 0) {
+    out.line("unknown", "the ray tracer has ended: its numbers are lost");
   } else if (!tracer || tracer->batches == 0) {
     out.line("none", "no shader asked: no ray tracer was started");
   } else {
@@ -80,6 +82,8 @@ std::string FrameReport::text(int frameNumber) const {
     out.line("build", "{:.3f} s dicing, {:.3f} s BVH", tracer->resolveSeconds, tracer->buildSeconds);
     out.line("answering", "{:.3f} thread seconds", tracer->answerSeconds);
   }
+  if (tracerRestarts > 0)
+    out.line("tracers that died", "{}  (the numbers of rays are those of the last one)", tracerRestarts);
 
   out.title(" memory");
   out.line("scene cache (shared)", "{} skeleton, {} nodes, {} grids", mebibytes(cache.skeletonBytes),

@@ -21,6 +21,7 @@ struct FrameReport {
   std::optional<tracer::TracerStatistics> tracer;
   bool oracleAsked = false;
   int tracerProcess = 0;
+  uint64_t tracerRestarts = 0;
   std::optional<shm::ProcessMemory> rendererMemory, tracerMemory;
 
   /// Reads the memory of both processes, while they still run.

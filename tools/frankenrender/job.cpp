@@ -71,6 +71,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
     if (shm) {
       report.tracer = shm->statistics();
       report.tracerProcess = shm->processId();
+      report.tracerRestarts = shm->restarts();
     }
     report.oracleAsked = oracle != nullptr;
     report.takeMemory();
