@@ -166,21 +166,21 @@ TEST(ShmOracle, AProgramThatBabblesIsAnError) {
   }
 }
 
-/// Kills the tracers of a service at random moments, also while they start, until it is stopped. A tracer
-/// that has answered nothing yet may be killed at most three times in a row: one more is taken for a fault.
+/// Kills the tracers of a service at random moments, also while they start, until it is stopped. Too many in
+/// a row that have answered nothing would be taken for a fault: after two, something must have been answered
+/// (`progress` changes).
 class Killer {
  public:
-  Killer(ShmOracleService& service, uint32_t seed, int mostMicroseconds)
-      : thread_([this, &service, seed, mostMicroseconds] {
+  Killer(ShmOracleService& service, const std::atomic<int>& progress, uint32_t seed, int mostMicroseconds)
+      : thread_([this, &service, &progress, seed, mostMicroseconds] {
           std::mt19937 random(seed);
           std::uniform_int_distribution<int> delay(0, mostMicroseconds);
-          int last = 0;
-          for (int inARow = 0; !stop_;) {
-            usleep(unsigned(inARow < 3 ? delay(random) : 300000));
-            inARow = inARow < 3 ? inARow + 1 : 0;
+          for (int last = 0, inARow = 0, seen = 0; !stop_;) {
+            usleep(unsigned(delay(random)));
+            if (const int now = progress; now != seen) seen = now, inARow = 0;
             const int pid = service.processId();
-            if (pid == 0 || pid == last) continue;
-            last = pid;
+            if (pid == 0 || pid == last || inARow == 2) continue;
+            last = pid, ++inARow;
             if (kill(pid, SIGKILL) == 0) ++kills_;
           }
         }) {}
@@ -213,7 +213,7 @@ TEST(ShmOracle, AnswersAreTheSameHoweverOftenTheTracerIsKilled) {
   std::atomic<int> same{0}, rounds{0};
   int kills = 0;
   {
-    Killer killer(shm, 7, 40000);
+    Killer killer(shm, rounds, 7, 40000);
     std::vector<std::thread> threads;
     for (uint32_t t = 0; t < 2; ++t)
       threads.emplace_back([&, t] {
@@ -247,7 +247,8 @@ TEST(ShmOracle, SingleRaysSurviveTheirTracer) {
   ShmOracleService shm(*cache, options(1));
   setReportSink([](const Error&) {});
   auto here = std::move(inproc.connect()).value(), there = std::move(shm.connect()).value();
-  Killer killer(shm, 3, 30000);
+  std::atomic<int> answers{0};
+  Killer killer(shm, answers, 3, 30000);
   std::mt19937 random(5);
   std::uniform_real_distribution<float> f(-3, 3);
   for (int i = 0; shm.restarts() < 8; ++i) {
@@ -257,6 +258,7 @@ TEST(ShmOracle, SingleRaysSurviveTheirTracer) {
     const auto a = here->ask(mail), b = there->ask(mail);
     ASSERT_TRUE(a.ok() && b.ok()) << b.error().str();
     ASSERT_EQ(std::memcmp(&*a, &*b, sizeof *a), 0);
+    ++answers;
   }
   killer.stop();
   setReportSink({});
