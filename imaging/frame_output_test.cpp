@@ -121,7 +121,7 @@ TEST_F(FrameOutputTest, UnfinishedFramesLeaveTheOldFileAlone) {
                     displaySearchPath({}));
     ASSERT_TRUE(out.open());
     out.addTile(rampTile({0, 0, 16, 4}, 5));
-    EXPECT_EQ(filesLeft(), 2u);
+    EXPECT_LE(filesLeft(), 2u);  // without a name where the file system can do that
   }
   EXPECT_EQ(readAll(path("a.exr")), "old");
   EXPECT_EQ(filesLeft(), 1u);

@@ -1,11 +1,8 @@
 #include "imaging/image_file.h"
 
-#include <fcntl.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -25,15 +22,6 @@ Error driverError(const std::string& path, const char* doing, Message& message, 
                    reason.empty() ? "unknown reason" : reason);
 }
 
-/// Late write errors (a full disk, a network file system) come out here at the latest.
-int syncFile(const std::string& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return errno;
-  const int error = ::fsync(fd) == 0 || errno == EINVAL ? 0 : errno;
-  ::close(fd);
-  return error;
-}
-
 }  // namespace
 
 ImageFile::~ImageFile() { discard(); }
@@ -42,20 +30,22 @@ Result<void> ImageFile::open(const FrDisplayDriver& driver, FrDisplayImage image
   discard();
   driver_ = &driver;
   path_ = image.path;
-  temporary_.clear();
   struct stat info {};
   const bool special = ::stat(path_.c_str(), &info) == 0 && !S_ISREG(info.st_mode);
   if ((driver.flags & FR_DISPLAY_WRITES_FILE) && !special) {
-    static std::atomic<unsigned> counter{0};
-    temporary_ = fmt::format("{}.partial-{}-{}", path_, ::getpid(), counter++);
-    image.path = temporary_.c_str();
+    if (const int error = file_.open(path_); error != 0) {
+      Message message{};
+      std::snprintf(message.data(), message.size(), "%s", std::strerror(error));
+      return driverError(path_, "cannot be opened", message, error == ENOSPC || error == EDQUOT ? error : 0);
+    }
+    image.path = file_.temporaryPath().c_str();
   }
   Message message{};
   errno = 0;
   if (driver.open(&image, &handle_, message.data(), message.size()) != 0 || !handle_) {
     const int systemError = errno;
     handle_ = nullptr;
-    if (!temporary_.empty()) ::unlink(temporary_.c_str());
+    file_.discard();
     return driverError(path_, "cannot be opened", message, systemError);
   }
   return {};
@@ -78,16 +68,16 @@ Result<void> ImageFile::finish() {
   errno = 0;
   void* handle = handle_;
   handle_ = nullptr;
-  int failed = driver_->close(handle, 0, message.data(), message.size());
+  const int failed = driver_->close(handle, 0, message.data(), message.size());
   int systemError = errno;
-  if (temporary_.empty()) {
-    if (failed) return driverError(path_, "cannot be closed", message, systemError);
-    return {};
+  if (failed) {
+    const bool hasFile = file_.descriptor() >= 0;
+    file_.discard();
+    return driverError(path_, hasFile ? "cannot be completed" : "cannot be closed", message, systemError);
   }
-  if (!failed) failed = systemError = syncFile(temporary_);
-  if (!failed && ::rename(temporary_.c_str(), path_.c_str()) != 0) failed = systemError = errno;
-  if (!failed) return {};
-  ::unlink(temporary_.c_str());
+  if (file_.descriptor() < 0) return {};
+  systemError = file_.finish();
+  if (systemError == 0) return {};
   if (message[0] == 0) std::snprintf(message.data(), message.size(), "%s", std::strerror(systemError));
   return driverError(path_, "cannot be completed", message, systemError);
 }
@@ -97,7 +87,7 @@ void ImageFile::discard() {
   Message message{};
   driver_->close(handle_, 1, message.data(), message.size());
   handle_ = nullptr;
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  file_.discard();
 }
 
 }  // namespace fr

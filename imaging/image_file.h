@@ -1,11 +1,11 @@
-// One image being written through a display driver: whole rows in order, under a temporary name until it is
-// complete.
+// One image being written through a display driver: whole rows in order, without a name until it is complete.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "base/whole_file.h"
 #include "imaging/display_driver.h"
 
 namespace fr {
@@ -23,14 +23,15 @@ class ImageFile {
   Result<void> open(const FrDisplayDriver& driver, FrDisplayImage image);
   bool isOpen() const { return handle_ != nullptr; }
   Result<void> write(int x, int y, int width, int height, const void* pixels, size_t rowBytes);
-  /// Closes, brings the bytes to the disk, and renames. On an error nothing is left behind.
+  /// Closes, brings the bytes to the disk, and gives the file its name. On an error nothing is left behind.
   Result<void> finish();
   void discard();
 
  private:
   const FrDisplayDriver* driver_ = nullptr;
   void* handle_ = nullptr;
-  std::string path_, temporary_;
+  std::string path_;
+  WholeFile file_;  // open unless the driver writes no file
 };
 
 }  // namespace fr

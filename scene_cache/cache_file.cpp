@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <cstring>
 
+#include "base/whole_file.h"
 #include "scene_cache/cache_impl.h"
 
 namespace fr::cache {
@@ -33,20 +34,17 @@ struct FileHeader {
   uint64_t checksum;  // of this header up to here
 };
 
-/// Closes and, unless kept, removes.
-struct TemporaryFile {
+struct OwnedFd {
   int fd = -1;
-  std::string path;
-  bool keep = false;
-  ~TemporaryFile() {
+  ~OwnedFd() {
     if (fd >= 0) close(fd);
-    if (!keep && !path.empty()) unlink(path.c_str());
   }
 };
 
 Error fileError(const std::string& path, const char* what, int number) {
-  Error e = makeError(number == ENOSPC || number == EDQUOT ? RiError::kDiskFull : RiError::kSystem, "{}: {}",
-                      what, std::strerror(number));
+  Error e = makeError(
+      number == ENOSPC || number == EDQUOT || number == EFBIG ? RiError::kDiskFull : RiError::kSystem,
+      "{}: {}", what, std::strerror(number));
   e.where.file = path;
   return e;
 }
@@ -81,14 +79,9 @@ int readAll(int fd, void* data, uint64_t bytes, uint64_t offset) {
 
 Result<void> SceneCache::save(const std::string& path) {
   Impl& d = *impl_;
-  TemporaryFile file;
-  file.path = fmt::format("{}.{}.tmp", path, getpid());
-  file.fd = open(file.path.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (file.fd < 0) {
-    const int e = errno;
-    file.path.clear();
-    return fileError(path, "cannot write", e);
-  }
+  WholeFile file;
+  if (const int e = file.open(path)) return fileError(path, "cannot write", e);
+  const int fd = file.descriptor();
   const auto pageUp = [](uint64_t x) { return (x + kPage - 1) / kPage * kPage; };
   FileHeader h{};
   h.magic = kFileMagic;
@@ -132,7 +125,7 @@ Result<void> SceneCache::save(const std::string& path) {
     FilePart* part;
     const std::byte* data;
   };
-  if (const int e = posix_fallocate(file.fd, 0, off_t(h.arena.offset + h.arena.bytes));
+  if (const int e = posix_fallocate(fd, 0, off_t(h.arena.offset + h.arena.bytes));
       e != 0 && e != EINVAL && e != EOPNOTSUPP) {
     return fileError(path, "no room for the scene cache", e);
   }
@@ -146,25 +139,20 @@ Result<void> SceneCache::save(const std::string& path) {
       piece.resize(std::min<uint64_t>(p.part->bytes - at, uint64_t(4) << 20));
       std::memcpy(piece.data(), p.data + at, piece.size());
       XXH3_64bits_update(state, piece.data(), piece.size());
-      e = writeAll(file.fd, piece.data(), piece.size(), p.part->offset + at);
+      e = writeAll(fd, piece.data(), piece.size(), p.part->offset + at);
     }
     p.part->checksum = XXH3_64bits_digest(state);
     XXH3_freeState(state);
     if (e != 0) return fileError(path, "cannot write the scene cache", e);
   }
   h.checksum = XXH3_64bits(&h, offsetof(FileHeader, checksum));
-  if (const int e = writeAll(file.fd, &h, sizeof h, 0))
-    return fileError(path, "cannot write the scene cache", e);
-  if (fsync(file.fd) != 0) return fileError(path, "cannot write the scene cache", errno);
-  if (rename(file.path.c_str(), path.c_str()) != 0)
-    return fileError(path, "cannot rename the finished scene cache", errno);
-  file.keep = true;
+  if (const int e = writeAll(fd, &h, sizeof h, 0)) return fileError(path, "cannot write the scene cache", e);
+  if (const int e = file.finish()) return fileError(path, "cannot write the scene cache", e);
   return {};
 }
 
 Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path) {
-  TemporaryFile file;
-  file.keep = true;
+  OwnedFd file;
   file.fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (file.fd < 0) {
     Error e = makeError(RiError::kNoFile, "cannot open: {}", std::strerror(errno));
@@ -190,10 +178,9 @@ Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path
       return damaged(path, "it is too short");
   }
   // Into memory files, so that the other process can share them and new grids can follow the stored ones.
-  const auto load = [&](const FilePart& p, const char* name, TemporaryFile& to) -> Result<void> {
-    to.keep = true;
+  const auto load = [&](const FilePart& p, const char* name, OwnedFd& to) -> Result<void> {
     to.fd = memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    if (to.fd < 0) return fileError(path, "cannot make shared memory", errno);
+    if (to.fd < 0 || fchmod(to.fd, 0600) != 0) return fileError(path, "cannot make shared memory", errno);
     if (p.bytes > 0) {
       if (const int e = posix_fallocate(to.fd, 0, off_t((p.bytes + 2 * kPage - 1) / kPage * kPage))) {
         return fileError(path, "no memory for the scene cache", e);
@@ -216,7 +203,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path
     if (checksum != p.checksum) return damaged(path, "checksum");
     return {};
   };
-  TemporaryFile skeleton, nodes, arena;
+  OwnedFd skeleton, nodes, arena;
   if (auto r = load(h.skeleton, "fr-skeleton", skeleton); !r) return std::move(r).error();
   if (auto r = load(h.nodes, "fr-nodes", nodes); !r) return std::move(r).error();
   if (auto r = load(h.arena, "fr-arena", arena); !r) return std::move(r).error();

@@ -2,11 +2,10 @@
 
 #include <unistd.h>
 
-#include <cstdio>
+#include <cerrno>
 #include <cstring>
-#include <filesystem>
-#include <fstream>
 
+#include "base/whole_file.h"
 #include "shading/passes.h"
 
 namespace fr {
@@ -186,22 +185,19 @@ Result<ShaderProgram> readSlx(std::span<const char> bytes) {
 
 Result<void> writeSlxFile(const std::string& path, const ShaderProgram& program) {
   const std::string bytes = writeSlx(program);
-  const std::string temporary = fmt::format("{}.{}.tmp", path, ::getpid());
-  {
-    std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
-    out.write(bytes.data(), std::streamsize(bytes.size()));
-    out.flush();
-    if (!out) {
-      std::remove(temporary.c_str());
-      return makeError(RiError::kSystem, "cannot write '{}': {}", path, std::strerror(errno));
-    }
+  const auto failed = [&](int error) {
+    return makeError(error == ENOSPC || error == EDQUOT ? RiError::kDiskFull : RiError::kSystem,
+                     "cannot write '{}': {}", path, std::strerror(error));
+  };
+  WholeFile file;
+  if (const int error = file.open(path)) return failed(error);
+  for (size_t done = 0; done < bytes.size();) {
+    const ssize_t n = ::write(file.descriptor(), bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return failed(n < 0 ? errno : EIO);
+    done += size_t(n);
   }
-  std::error_code ec;
-  std::filesystem::rename(temporary, path, ec);
-  if (ec) {
-    std::remove(temporary.c_str());
-    return makeError(RiError::kSystem, "cannot write '{}': {}", path, ec.message());
-  }
+  if (const int error = file.finish()) return failed(error);
   return {};
 }
 

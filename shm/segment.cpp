@@ -104,6 +104,9 @@ Result<FileDescriptor> createMemory(const std::string& name) {
     return makeError(errno == ENOMEM ? RiError::kNoMem : RiError::kSystem,
                      "cannot create shared memory '{}': {}", name, std::strerror(errno));
   }
+  // Nobody else can reach it but through our /proc; ours alone there too.
+  if (::fchmod(fd.get(), 0600) != 0)
+    return makeError(RiError::kSystem, "cannot protect shared memory '{}': {}", name, std::strerror(errno));
   return fd;
 }
 
