@@ -28,33 +28,60 @@ Reporter& reporter() {
 
 const char* riErrorName(RiError code) {
   switch (code) {
-    case RiError::kNone: return "RIE_NOERROR";
-    case RiError::kNoMem: return "RIE_NOMEM";
-    case RiError::kSystem: return "RIE_SYSTEM";
-    case RiError::kNoFile: return "RIE_NOFILE";
-    case RiError::kBadFile: return "RIE_BADFILE";
-    case RiError::kVersion: return "RIE_VERSION";
-    case RiError::kDiskFull: return "RIE_DISKFULL";
-    case RiError::kIncapable: return "RIE_INCAPABLE";
-    case RiError::kUnimplemented: return "RIE_UNIMPLEMENT";
-    case RiError::kLimit: return "RIE_LIMIT";
-    case RiError::kBug: return "RIE_BUG";
-    case RiError::kNotStarted: return "RIE_NOTSTARTED";
-    case RiError::kNesting: return "RIE_NESTING";
-    case RiError::kNotOptions: return "RIE_NOTOPTIONS";
-    case RiError::kNotAttributes: return "RIE_NOTATTRIBS";
-    case RiError::kNotPrimitives: return "RIE_NOTPRIMS";
-    case RiError::kIllState: return "RIE_ILLSTATE";
-    case RiError::kBadMotion: return "RIE_BADMOTION";
-    case RiError::kBadSolid: return "RIE_BADSOLID";
-    case RiError::kBadToken: return "RIE_BADTOKEN";
-    case RiError::kRange: return "RIE_RANGE";
-    case RiError::kConsistency: return "RIE_CONSISTENCY";
-    case RiError::kBadHandle: return "RIE_BADHANDLE";
-    case RiError::kNoShader: return "RIE_NOSHADER";
-    case RiError::kMissingData: return "RIE_MISSINGDATA";
-    case RiError::kSyntax: return "RIE_SYNTAX";
-    case RiError::kMath: return "RIE_MATH";
+    case RiError::kNone:
+      return "RIE_NOERROR";
+    case RiError::kNoMem:
+      return "RIE_NOMEM";
+    case RiError::kSystem:
+      return "RIE_SYSTEM";
+    case RiError::kNoFile:
+      return "RIE_NOFILE";
+    case RiError::kBadFile:
+      return "RIE_BADFILE";
+    case RiError::kVersion:
+      return "RIE_VERSION";
+    case RiError::kDiskFull:
+      return "RIE_DISKFULL";
+    case RiError::kIncapable:
+      return "RIE_INCAPABLE";
+    case RiError::kUnimplemented:
+      return "RIE_UNIMPLEMENT";
+    case RiError::kLimit:
+      return "RIE_LIMIT";
+    case RiError::kBug:
+      return "RIE_BUG";
+    case RiError::kNotStarted:
+      return "RIE_NOTSTARTED";
+    case RiError::kNesting:
+      return "RIE_NESTING";
+    case RiError::kNotOptions:
+      return "RIE_NOTOPTIONS";
+    case RiError::kNotAttributes:
+      return "RIE_NOTATTRIBS";
+    case RiError::kNotPrimitives:
+      return "RIE_NOTPRIMS";
+    case RiError::kIllState:
+      return "RIE_ILLSTATE";
+    case RiError::kBadMotion:
+      return "RIE_BADMOTION";
+    case RiError::kBadSolid:
+      return "RIE_BADSOLID";
+    case RiError::kBadToken:
+      return "RIE_BADTOKEN";
+    case RiError::kRange:
+      return "RIE_RANGE";
+    case RiError::kConsistency:
+      return "RIE_CONSISTENCY";
+    case RiError::kBadHandle:
+      return "RIE_BADHANDLE";
+    case RiError::kNoShader:
+      return "RIE_NOSHADER";
+    case RiError::kMissingData:
+      return "RIE_MISSINGDATA";
+    case RiError::kSyntax:
+      return "RIE_SYNTAX";
+    case RiError::kMath:
+      return "RIE_MATH";
   }
   return "RIE_UNKNOWN";
 }
@@ -69,8 +96,9 @@ std::string SourceLocation::str() const {
 std::string Error::str() const {
   static constexpr const char* kNames[] = {"info", "warning", "error", "severe"};
   const std::string place = where.str();
-  return fmt::format("{}{}{}: {} [{}]", place, place.empty() ? "" : ": ", kNames[int(severity)], message,
-                     riErrorName(code));
+  const std::string text =
+      fmt::format("{}{}{}: {}", place, place.empty() ? "" : ": ", kNames[int(severity)], message);
+  return code == RiError::kNone ? text : fmt::format("{} [{}]", text, riErrorName(code));
 }
 
 namespace {

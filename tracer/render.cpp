@@ -164,6 +164,8 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   FrameTrace trace;
   trace.tracer = &tracer;
   trace.camera = CameraRays(camera, skeleton.cacheToCamera(camera.shutter[0]));
+  if (const Ray r = trace.camera.ray(0, 0); !isFinite(r.direction) || !isFinite(r.origin))
+    return makeError(RiError::kMath, "the camera's transformation or projection cannot be inverted");
   trace.adaptive = adaptiveOf(skeleton, options);
   trace.pattern = trace.adaptive ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed)
                                  : frameSamplePattern(skeleton, options.seed);

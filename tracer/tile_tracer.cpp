@@ -183,7 +183,7 @@ void TileTracer::hideBehind(Path& p, const CameraSurface& surface, const Color& 
     p.opacity += p.through * opacity;
   }
   p.through *= Color(1) - opacity;
-  const bool shows = surface.matte || color != Color(0) || std::max({opacity.x, opacity.y, opacity.z}) > 0;
+  const bool shows = color != Color(0) || std::max({opacity.x, opacity.y, opacity.z}) > 0;
   if (p.seen || !shows) return;
   p.seen = true;
   p.depth = frame_.camera.depth(p.ray, p.hit.distance);

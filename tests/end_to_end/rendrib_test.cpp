@@ -209,6 +209,26 @@ TEST(Rendrib, WrongUsageSaysWhatIsWrong) {
   EXPECT_FALSE(exists(w, "out.exr"));
 }
 
+TEST(Rendrib, ACameraWithoutInverseIsAnError) {
+  Workspace w;
+  w.write("scene.rib", "Display \"out.exr\" \"openexr\" \"rgba\"\nScale 1 1 0\n" + kSphere);
+  const Outcome o = rendrib(w, {"scene.rib"});
+  EXPECT_EQ(o.exitCode, 1);
+  EXPECT_NE(o.err, "");
+  EXPECT_FALSE(exists(w, "out.exr"));
+}
+
+TEST(Rendrib, ATruncatedSceneNeverCrashesOrHangs) {
+  Workspace w;
+  const std::string text = kHead + kSphere +
+                           "WorldBegin\nOpacity [0.5 0.5 0.5] Surface \"mirror\" Torus 1 0.2 0 360 "
+                           "360\nWorldEnd\n";
+  for (size_t n = 0; n < text.size(); n += 31) {
+    w.write("cut.rib", "Format 12 9 1\n" + text.substr(0, n));
+    ASSERT_EQ(rendrib(w, {"cut.rib"}).signal, 0) << "cut at " << n;
+  }
+}
+
 const std::string kLitScene =
     "Attribute \"light\" \"string shadows\" [\"on\"]\n"
     "LightSource \"pointlight\" 1 \"intensity\" [20] \"from\" [2 3 -3]\n"
