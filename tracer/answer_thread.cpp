@@ -248,9 +248,10 @@ void AnswerThread::runVisibility(Level& at, size_t depth) {
   for (uint32_t i = 0; i < at.count; ++i) {
     PathRay& p = at.path[i];
     if (!p.going) continue;
-    p.ray.mask = kOpaqueShadowRay;
     counts_.intersections += 1;
-    if (scene->occluded(p.ray)) p.through = Color(0), p.going = false;
+    const Obstacle obstacle = scene->obstacle(p.ray);
+    if (obstacle == Obstacle::kOpaque) p.through = Color(0);
+    p.going = obstacle == Obstacle::kFiltered;
     p.ray.mask = kFilteredShadowRay;
   }
   // The others go from surface to surface; those that stand on one whose shader must be asked wait for each

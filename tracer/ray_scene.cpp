@@ -36,9 +36,11 @@ struct HitFilter {
   RTCIntersectContext rtc;
   const RayScene* scene;
   const Ray* ray;
+  bool onlyOpaque;
+  bool sawFiltered = false;
   Hit best;
 
-  HitFilter(const RayScene* s, const Ray* r) : scene(s), ray(r) {
+  HitFilter(const RayScene* s, const Ray* r, bool opaque = false) : scene(s), ray(r), onlyOpaque(opaque) {
     rtcInitIntersectContext(&rtc);
     rtc.filter = &HitFilter::call;
   }
@@ -74,6 +76,11 @@ struct HitFilter {
       cell = uint32_t(cv) * e.cellsU + uint32_t(cu);
     }
     if (ray->passedEntry != cache::kNone && wasPassed(e, entryIndex, cell, t, cosine, rounding)) return false;
+    if (onlyOpaque) {
+      // Embree goes on behind a rejected candidate: the first opaque one ends the question.
+      sawFiltered |= !e.opaqueCaster;
+      return e.opaqueCaster;
+    }
 
     // Entries are in the order of (object, patch): the lowest wins among equals.
     if (t == best.distance && std::pair(entryIndex, cell) >= std::pair(best.entry, best.cell)) return false;
@@ -151,11 +158,13 @@ Hit RayScene::closest(const Ray& ray) const {
   return filter.best;
 }
 
-bool RayScene::occluded(const Ray& ray) const {
-  HitFilter filter(this, &ray);
+Obstacle RayScene::obstacle(const Ray& ray) const {
+  HitFilter filter(this, &ray, true);
   RTCRay r = embreeRay(ray);
+  r.mask = kOpaqueShadowRay | kFilteredShadowRay;
   rtcOccluded1(embree_->scene, &filter.rtc, &r);
-  return r.tfar < 0;
+  if (r.tfar < 0) return Obstacle::kOpaque;
+  return filter.sawFiltered ? Obstacle::kFiltered : Obstacle::kNone;
 }
 
 Departure RayScene::departure(cache::NodeId node, const Vec3& direction, const Vec3& normal) const {

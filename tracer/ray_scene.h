@@ -50,6 +50,7 @@ struct SurfaceEntry {
   float orientation;             // +1, or -1 when the oriented normal points against dPdu x dPdv
   uint8_t oneSided, meshlet, level, moving;
   cache::CastsShadows castsShadows;
+  uint8_t opaqueCaster;  // stops shadow rays without being asked
 };
 
 /// Where a ray leaves, enough to know the leaving surface again without a tuned distance.
@@ -91,6 +92,8 @@ struct Hit {
   bool any() const { return entry != cache::kNone; }
 };
 
+enum class Obstacle { kNone, kFiltered, kOpaque };
+
 struct RaySceneStatistics {
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
   uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
@@ -114,8 +117,9 @@ class RayScene {
   /// Nearest hit that is not the departing surface, not behind a passed hit, not the back of a one-sided
   /// surface. Equal distances: the lowest (object, patch, cell).
   Hit closest(const Ray& ray) const;
-  /// True when anything of the ray's mask lies between its near and far distances.
-  bool occluded(const Ray& ray) const;
+  /// What lies between the near and far distances of a shadow ray, in one traversal: something opaque, or
+  /// only what must be asked for its opacity, or nothing.
+  Obstacle obstacle(const Ray& ray) const;
   /// Describes the start of a ray in direction `direction` (unit) on `node` with oriented normal `normal`.
   /// Add `lift` to the origin and start at `nearDistance`: it is the error of a start point on the shaded
   /// surface, nothing on flat ones. Any node is allowed; one out of range, or a zero or non-finite normal, is

@@ -89,6 +89,7 @@ class RaySceneBuilder {
     bool visible = false;
     bool oneSided = false;
     CastsShadows castsShadows = CastsShadows::kOpaque;
+    bool opaqueCaster = false;
   };
 
   ObjectFacts factsOf(ObjectId id) const {
@@ -100,8 +101,10 @@ class RaySceneBuilder {
     const AttributeRecord& a = attributes[o.attributes];
     if (options_.cameraRays && (a.visibility & kVisibleCamera)) f.mask |= kCameraRay;
     if (a.visibility & kVisibleReflection) f.mask |= kReflectionRay;
-    if ((a.visibility & kVisibleShadow) && a.castsShadows != CastsShadows::kNever)
-      f.mask |= opaqueCaster_(id) ? kOpaqueShadowRay : kFilteredShadowRay;
+    if ((a.visibility & kVisibleShadow) && a.castsShadows != CastsShadows::kNever) {
+      f.opaqueCaster = opaqueCaster_(id);
+      f.mask |= f.opaqueCaster ? kOpaqueShadowRay : kFilteredShadowRay;
+    }
     f.visible = f.mask != 0;
     f.level = wantedLevel(a.patchMultiplier >= 0 ? a.patchMultiplier : options_.patchMultiplier);
     f.oneSided = a.sides == 1;
@@ -212,6 +215,7 @@ class RaySceneBuilder {
     e.level = uint8_t(level);
     e.moving = g.keyCount > 1;
     e.castsShadows = facts.castsShadows;
+    e.opaqueCaster = facts.opaqueCaster;
     return true;
   }
 

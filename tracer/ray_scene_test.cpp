@@ -340,7 +340,7 @@ TEST(RayScene, SegmentsBetweenSurfacePointsAreClear) {
       ray.farDistance = length;
       ray.endsOnSurface = true;
       depart(t, ray, a);
-      shadows += t.scene->occluded(ray);
+      shadows += t.scene->obstacle(ray) != Obstacle::kNone;
       ++rays;
     }
     EXPECT_EQ(shadows, 0) << "of " << rays << " at " << multiplier;
@@ -428,6 +428,16 @@ TEST(RayScene, VisibilityMasks) {
   EXPECT_EQ(distance(3.5f, kReflectionRay), 0.5f);
   EXPECT_EQ(distance(4.5f, kReflectionRay), kInfinity);
   EXPECT_EQ(t.scene->entryOf(t.cache->skeleton().objects()[5].firstPatch), cache::kNone);
+
+  const auto obstacle = [&](float z, float end) {
+    Ray ray = makeRay({0, 0, z}, {0, 0, 1}, kOpaqueShadowRay);
+    ray.farDistance = end - z;
+    return t.scene->obstacle(ray);
+  };
+  EXPECT_EQ(obstacle(0, 1.5f), Obstacle::kNone);
+  EXPECT_EQ(obstacle(0, 6.5f), Obstacle::kOpaque);
+  EXPECT_EQ(obstacle(2.5f, 6.5f), Obstacle::kFiltered);
+  EXPECT_EQ(obstacle(3.5f, 6.5f), Obstacle::kNone);
 }
 
 TEST(RayScene, PatchMultiplierChoosesTheStride) {
