@@ -127,6 +127,7 @@ int main(int argc, char** argv) {
             }
             const auto start = Clock::now();
             std::vector<std::thread> workers;
+            workers.reserve(size_t(threads));
             for (int t = 0; t < threads; ++t)
               workers.emplace_back([&, t] { ask(*lines[size_t(t)], rays, kind, batch); });
             for (auto& w : workers) w.join();

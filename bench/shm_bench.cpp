@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include <cstring>
+#include <functional>
 #include <new>
 #include <thread>
 #include <vector>
@@ -27,8 +28,7 @@ using namespace fr::shm;
 /// A forked process that is killed at the end.
 class Child {
  public:
-  template <class F>
-  explicit Child(F&& f) : pid_(::fork()) {
+  explicit Child(const std::function<void()>& f) : pid_(::fork()) {
     if (pid_ == 0) {
       f();
       ::_exit(0);

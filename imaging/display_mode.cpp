@@ -1,5 +1,7 @@
 #include "imaging/display_mode.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <sstream>
@@ -51,8 +53,10 @@ DisplayMode parseDisplayMode(const std::string& text) {
       const int n = componentsOf(words);
       const bool alone = mode.channels.empty() && list.eof();
       for (int i = 0; i < n; ++i) {
-        std::string channel(n == 1 ? std::string_view("Y") : kVectorSuffix[size_t(i)]);
-        if (!alone) channel = n == 1 ? name : name + "." + channel;
+        const std::string_view suffix = n == 1 ? std::string_view("Y") : kVectorSuffix[size_t(i)];
+        const std::string channel = alone    ? std::string(suffix)
+                                    : n == 1 ? name
+                                             : fmt::format("{}.{}", name, suffix);
         mode.channels.push_back({channel, name, i});
       }
     }

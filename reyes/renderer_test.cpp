@@ -108,7 +108,8 @@ TEST(Renderer, AbuttingGridsAreHitExactlyOnce) {
       grids.push_back(g);
     }
   s.addPatch(glass, grids);
-  for (float v : s.render().channels[kAlpha]) ASSERT_EQ(v, 0.5f);
+  const auto image = s.render();
+  for (float v : image.channels[kAlpha]) ASSERT_EQ(v, 0.5f);
 }
 
 TEST(Renderer, MeshletsAreHitExactlyOnce) {
@@ -290,6 +291,7 @@ void fillWithClutter(TestScene& s) {
   s.filter = "gaussian", s.filterWidth[0] = 3, s.filterWidth[1] = 2.5f;
   s.pixelSamples[0] = 3, s.pixelSamples[1] = 2;
   std::vector<uint32_t> surfaces;
+  surfaces.reserve(6);
   for (int i = 0; i < 6; ++i)
     surfaces.push_back(s.addSurface({.opaque = i % 2 == 0,
                                      .smooth = i % 3 == 0,

@@ -73,6 +73,7 @@ GridView SceneCache::view(const GridRecord& g) const {
 struct ShadingSystem::Impl {
   cache::SceneCache* cache;
 };
+// NOLINTNEXTLINE(performance-unnecessary-value-param): the signature of the class this stands in for
 ShadingSystem::ShadingSystem(cache::SceneCache& cache, Options) : impl_(new Impl{&cache}) {}
 ShadingSystem::~ShadingSystem() = default;
 bool ShadingSystem::canAskRays() const {

@@ -60,7 +60,7 @@ class Evaluator {
   Evaluator(std::string_view s, const VariableLookup& lookup) : s_(s), lookup_(lookup) {}
 
   Result<bool> run() {
-    const Value v = orExpression();
+    Value v = orExpression();
     blank();
     if (!failed_ && at_ < s_.size()) fail();
     if (failed_)
@@ -185,7 +185,7 @@ class Evaluator {
     }
     if (c == '(') {
       ++at_;
-      const Value v = orExpression();
+      Value v = orExpression();
       if (!take(")")) fail();
       return v;
     }

@@ -296,7 +296,8 @@ void Lexer::lexNumber() {
       p = cur_ + length;
       if (!more) break;
     }
-    bad(fmt::format("\"{}\" is not a number", std::string_view(cur_, std::min<size_t>(size_t(p - cur_), 40))));
+    bad(fmt::format("\"{}\" is not a number",
+                    std::string_view(cur_, std::min<size_t>(size_t(p - cur_), 40))));
     cur_ = p;
     return;
   }

@@ -71,7 +71,8 @@ std::string describe(Lexer& lex) {
 std::string tokens(const std::string& text) {
   Lexer whole(std::move(openMemory(text)).value(), "t");
   Lexer drip(std::make_unique<DripInput>(text), "t");
-  const std::string a = describe(whole), b = describe(drip);
+  std::string a = describe(whole);
+  const std::string b = describe(drip);
   EXPECT_EQ(a, b);
   return a;
 }

@@ -111,7 +111,7 @@ TEST(Check, IndexedMesh) {
   c = checkPrimitive(p, {});
   ASSERT_FALSE(c.ok());
   EXPECT_EQ(c.error().code, RiError::kConsistency);
-  EXPECT_NE(c.error().message.find("9"), std::string::npos);
+  EXPECT_NE(c.error().message.find('9'), std::string::npos);
   EXPECT_NE(c.error().message.find("12"), std::string::npos);
 
   auto negative = twoTriangles();

@@ -57,7 +57,7 @@ Result<void> Reader::readBuffer(std::string_view text, std::string name) {
 Result<void> Reader::readDescriptor(int fd, std::string name) {
   Result<std::unique_ptr<Input>> input = openDescriptor(fd);
   if (!input) return input.error();
-  Lexer lexer(std::move(*input), name);
+  Lexer lexer(std::move(*input), std::move(name));
   return nested(fmt::format("descriptor:{}", fd), lexer);
 }
 

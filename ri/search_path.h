@@ -12,8 +12,8 @@ namespace fr::ri {
 std::vector<std::string> parseSearchPath(std::string_view text, const std::vector<std::string>& previous,
                                          const std::vector<std::string>& standard);
 
-/// The first readable regular file `name` in `folders`; absolute names (and "./", "../") stand for themselves. "" =
-/// not found.
+/// The first readable regular file `name` in `folders`; absolute names (and "./", "../") stand for
+/// themselves. "" = not found.
 std::string findFile(std::string_view name, const std::vector<std::string>& folders);
 
 }  // namespace fr::ri

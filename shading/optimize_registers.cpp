@@ -22,9 +22,9 @@ struct Range {
 
 /// Live ranges of locals and temporaries in the body. What is used in a loop and set before it lives through
 /// the loop. A scalar variable is always set first where it is declared, an array is not: one that is used in
-/// a loop at all may carry its values from turn to turn. What is set in a loop and read after it (the result of a
-/// function that returns from inside) lives from the loop's start: the points that left keep their value while
-/// others go on.
+/// a loop at all may carry its values from turn to turn. What is set in a loop and read after it (the result
+/// of a function that returns from inside) lives from the loop's start: the points that left keep their value
+/// while others go on.
 std::vector<Range> liveRanges(const ShaderProgram& p) {
   std::vector<Range> ranges(p.symbols.size());
   std::vector<std::pair<uint32_t, uint32_t>> loops;  // open loops, outermost first

@@ -25,12 +25,12 @@ struct ShadeSetup {
   };
   std::vector<PrimvarParameter> surfaceOverrides, displacementOverrides;
   bool colorPrimvar = false, opacityPrimvar = false;  // some object has "Cs", "Os"
-  bool bumpOnly = false;       // the displacement shader changes N alone: it runs at shading time
+  bool bumpOnly = false;  // the displacement shader changes N alone: it runs at shading time
   bool usesDerivatives = false;
   bool canAskRays = false;
   bool usesObjectSpace = false;
-  bool displaced = false;      // the displacement shader moves points
-  uint64_t readsGlobals = 0;   // of all programs that run when shading
+  bool displaced = false;     // the displacement shader moves points
+  uint64_t readsGlobals = 0;  // of all programs that run when shading
 
   Machine::Partners partners() const {
     return {surface.get(), displacement.get(), atmosphere.get(), interior.get(), exterior.get()};

@@ -387,14 +387,13 @@ uint64_t diceInto(Bytes& arena, NodeId node, const AnalyticShape& s, uint32_t fa
 }  // namespace
 
 std::unique_ptr<SceneCache> AnalyticScene::finish() {
-  Bytes arena, nodes, skeleton;
+  Bytes arena, skeleton;
   arena.reserve(64, 64);
-  nodes.data.resize(roots_.size() * sizeof(PatchNode));
+  std::vector<PatchNode> nodes(roots_.size());
   for (size_t i = 0; i < roots_.size(); ++i) {
     const uint64_t at = diceInto(arena, NodeId(i), shapes_[roots_[i].object], roots_[i].face);
-    auto* node = new (nodes.data.data() + i * sizeof(PatchNode)) PatchNode{};
-    node->state = at << 2 | uint64_t(NodeState::kGrid);
-    node->root = uint32_t(i);
+    nodes[i].state = at << 2 | uint64_t(NodeState::kGrid);
+    nodes[i].root = uint32_t(i);
   }
   skeleton.reserve(sizeof(SkeletonHeader), 64);
   SkeletonHeader h{};
@@ -414,14 +413,14 @@ std::unique_ptr<SceneCache> AnalyticScene::finish() {
   options.maxRayLevel = maxRayLevel_;
   h.options = skeleton.add(std::vector{options});
   std::memcpy(skeleton.data.data(), &h, sizeof h);
-  const SceneCache::Segments fds{
-      skeleton.memfd("skeleton"),
-      [&] {
-        const int fd = memfd_create("nodes", MFD_CLOEXEC);
-        FR_CHECK(write(fd, nodes.data.data(), nodes.data.size()) == ssize_t(nodes.data.size()));
-        return fd;
-      }(),
-      arena.memfd("arena")};
+  const SceneCache::Segments fds{skeleton.memfd("skeleton"),
+                                 [&] {
+                                   const int fd = memfd_create("nodes", MFD_CLOEXEC);
+                                   const size_t bytes = nodes.size() * sizeof(PatchNode);
+                                   FR_CHECK(write(fd, nodes.data(), bytes) == ssize_t(bytes));
+                                   return fd;
+                                 }(),
+                                 arena.memfd("arena")};
   auto cache = std::move(SceneCache::attach(fds, false)).value();
   for (int fd : {fds.skeleton, fds.nodes, fds.arena}) close(fd);
   return cache;
