@@ -20,8 +20,8 @@ extern "C" {
 enum FrDisplayFormat { FR_DISPLAY_U8 = 0, FR_DISPLAY_U16 = 1, FR_DISPLAY_U32 = 2, FR_DISPLAY_FLOAT = 3 };
 enum FrDisplayType { FR_DISPLAY_TYPE_FLOAT = 0, FR_DISPLAY_TYPE_INTEGER = 1, FR_DISPLAY_TYPE_STRING = 2 };
 enum FrDisplayFlags {
-  /* The driver writes one file at `path`: the host passes a temporary path and renames it after a clean
-     close. */
+  /* The driver writes one file at `path`: the host passes a temporary path and names the file after a clean
+     close. It is often "/proc/self/fd/N": open it, do not rename, remove or take it apart. */
   FR_DISPLAY_WRITES_FILE = 1,
   /* Reserved: rectangles may come in any order and shape as they are finished. Today whole rows come, from
      the top. */

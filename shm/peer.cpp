@@ -192,8 +192,7 @@ Result<ChildProcess> ChildProcess::spawn(const SpawnOptions& options) {
   SpawnSetup setup;
   // Duplicating a descriptor onto itself clears its close-on-exec flag in the child alone: no other thread
   // that spawns something at the same moment can leak it, and no number of somebody else's is overwritten.
-  if (hasSocket)
-    ::posix_spawn_file_actions_adddup2(&setup.actions, theirs.descriptor(), theirs.descriptor());
+  if (hasSocket) ::posix_spawn_file_actions_adddup2(&setup.actions, theirs.descriptor(), theirs.descriptor());
   if (options.standardInput >= 0)
     ::posix_spawn_file_actions_adddup2(&setup.actions, options.standardInput, STDIN_FILENO);
   if (options.standardOutput >= 0)
@@ -316,6 +315,11 @@ Result<PeerSocket> parentSocket(const char* socketVariable) {
   if (ec != std::errc() || rest != end || fd < 0 || !isPeerSocket(fd)) {
     return makeError(RiError::kBadHandle, "{}={} is not the number of a socket", socketVariable, text);
   }
+  ucred peer{};
+  socklen_t size = sizeof peer;
+  if (::getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) != 0 || peer.uid != ::geteuid())
+    return makeError(RiError::kBadHandle, "{}={}: its other end belongs to another user", socketVariable,
+                     text);
   ::unsetenv(socketVariable);
   ::fcntl(fd, F_SETFD, FD_CLOEXEC);
   return PeerSocket(FileDescriptor(fd));

@@ -41,7 +41,7 @@ inline constexpr uint32_t kMessageMagic = 0x52544652;  // "RFTR"
 
 /// Both ends must agree about every byte of these.
 constexpr uint64_t messageFingerprint() {
-  uint64_t h = 1;  // version of the conversation
+  uint64_t h = 2;  // version of the conversation
   for (uint64_t x :
        {uint64_t(sizeof(RayQuery)), uint64_t(offsetof(RayQuery, color)), uint64_t(offsetof(RayQuery, node)),
         uint64_t(sizeof(TracerStatistics)), uint64_t(cache::kFormatVersion), uint64_t(kMaxRays)})
@@ -49,11 +49,14 @@ constexpr uint64_t messageFingerprint() {
   return h;
 }
 
+/// The first three members stay where they are in every version: they tell builds apart.
 struct MessageHeader {
   uint32_t magic = kMessageMagic;
   MessageType type{};
   uint64_t fingerprint = messageFingerprint();
+  char version[16] = {};  // versionText(), for messages; padded with zeros
 };
+inline constexpr size_t kStableHeaderBytes = offsetof(MessageHeader, version);
 
 struct SceneMessage {
   int32_t threads;

@@ -12,8 +12,11 @@
 #include <random>
 #include <thread>
 
+#include "base/version.h"
 #include "shm/file_descriptor.h"
+#include "shm/peer.h"
 #include "tracer/inproc_oracle.h"
+#include "tracer/server_messages.h"
 #include "tracer/testing/ray_batches.h"
 
 namespace fr::tracer {
@@ -331,6 +334,41 @@ TEST(ShmOracle, TracersThatDieAgainAndAgainAreAClearError) {
     EXPECT_EQ(s.error().message, text);
     EXPECT_FALSE(shm.statistics());
   }
+}
+
+TEST(ShmOracle, ATracerOfAnotherBuildIsRefusedAndBothAreNamed) {
+  auto cache = zoo();
+  ShmOracleService::Options o = options();
+  o.arguments = {"other-build"};
+  ShmOracleService shm(*cache, o);
+  auto line = std::move(shm.connect()).value();
+  RayQuery* q = line->acquire();
+  q->count = 0;
+  const Result<void> r = line->submit(q);
+  ASSERT_FALSE(r.ok());
+  EXPECT_EQ(r.error().code, RiError::kVersion);
+  EXPECT_NE(r.error().message.find("version 9.8.7"), std::string::npos) << r.error().message;
+  EXPECT_NE(r.error().message.find(std::string("this one is version ") + versionText()), std::string::npos)
+      << r.error().message;
+  EXPECT_EQ(shm.restarts(), 0u);
+  EXPECT_EQ(shm.processId(), 0);
+}
+
+/// And the other way round: the tracer refuses a renderer of another build.
+TEST(ShmOracle, ARendererOfAnotherBuildIsRefused) {
+  shm::SpawnOptions spawn;
+  spawn.program = serverProgram();
+  auto child = shm::ChildProcess::spawn(spawn);
+  ASSERT_TRUE(child.ok());
+  MessageHeader h;
+  h.type = MessageType::kScene;
+  h.fingerprint ^= 1;
+  ASSERT_TRUE(child->socket().send(std::as_bytes(std::span(&h, 1)), {}).ok());
+  auto answer = receiveMessage(child->socket(), std::chrono::seconds(20));
+  ASSERT_TRUE(answer.ok() && *answer) << answer.error().str();
+  EXPECT_EQ((**answer).type, MessageType::kRefused);
+  EXPECT_NE((**answer).text().find("different builds"), std::string::npos);
+  EXPECT_TRUE(child->wait(std::chrono::seconds(20)));
 }
 
 TEST(ShmOracle, TheTracerEndsWithItsClient) {

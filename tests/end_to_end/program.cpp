@@ -21,13 +21,13 @@ namespace fr::test {
 
 Outcome run(const std::string& name, const std::vector<std::string>& arguments,
             const std::filesystem::path& directory, const std::function<void(int)>& whileRunning,
-            const std::map<std::string, std::string>& environment,
-            const std::filesystem::path& standardInput) {
+            const std::map<std::string, std::string>& environment, const std::filesystem::path& standardInput,
+            const std::function<void()>& inChild) {
   int out[2], err[2];
   Outcome result;
   if (pipe2(out, O_CLOEXEC) != 0) return result;
   if (pipe2(err, O_CLOEXEC) != 0) return result;
-  const std::string program = std::string(FR_BINARY_DIR) + "/bin/" + name;
+  const std::string program = name.starts_with('/') ? name : std::string(FR_BINARY_DIR) + "/bin/" + name;
   std::vector<char*> argv{const_cast<char*>(program.c_str())};
   for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
   argv.push_back(nullptr);
@@ -38,6 +38,7 @@ Outcome run(const std::string& name, const std::vector<std::string>& arguments,
     if (!standardInput.empty()) dup2(open(standardInput.c_str(), O_RDONLY | O_CLOEXEC), 0);
     for (const auto& [k, v] : environment) setenv(k.c_str(), v.c_str(), 1);
     if (chdir(directory.c_str()) != 0) _exit(126);
+    if (inChild) inChild();
     execv(program.c_str(), argv.data());
     _exit(127);
   }

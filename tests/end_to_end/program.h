@@ -15,12 +15,13 @@ struct Outcome {
   std::string out, err;
 };
 
-/// Runs build/bin/<name> with `arguments` in `directory`. `whileRunning(pid)` is called once, right after the
-/// start. `standardInput`: a file to read, else the test's own.
+/// Runs build/bin/<name>, or the program with that path, with `arguments` in `directory`. `whileRunning(pid)`
+/// is called once, right after the start; `inChild` in the new process before the program, for limits and
+/// mounts. `standardInput`: a file to read, else the test's own.
 Outcome run(const std::string& name, const std::vector<std::string>& arguments,
             const std::filesystem::path& directory, const std::function<void(int)>& whileRunning = {},
             const std::map<std::string, std::string>& environment = {},
-            const std::filesystem::path& standardInput = {});
+            const std::filesystem::path& standardInput = {}, const std::function<void()>& inChild = {});
 
 /// A fresh directory under the system's temporary folder, removed at the end of the test.
 class Workspace {

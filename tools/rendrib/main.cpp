@@ -1,5 +1,6 @@
 // rendrib: the ray tracer as a program. Three uses, three files: a renderer of its own (render.h), a ray
 // server for others (ray_server_mode.h), and the process that frankenrender starts (--oracle, here).
+#include <csignal>
 #include <cstdio>
 #include <span>
 #include <string_view>
@@ -28,6 +29,7 @@ int serveRenderer() {
 
 int main(int argc, char** argv) {
   fr::setLogName("rendrib");
+  std::signal(SIGXFSZ, SIG_IGN);  // a file beyond the limit is a failing write
   const std::span<char*> arguments(argv + 1, size_t(argc > 0 ? argc - 1 : 0));
   if (arguments.size() == 1 && arguments[0] == std::string_view(fr::tracer::kOracleArgument))
     return serveRenderer();

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "tracer/server.h"
+#include "tracer/server_messages.h"
 
 int main(int argc, char** argv) {
   const auto asked = [&](const char* what) { return argc > 1 && !std::strcmp(argv[1], what); };
@@ -16,6 +17,15 @@ int main(int argc, char** argv) {
   if (asked("babble")) {
     const std::byte junk[64] = {};
     return socket->send(junk, {}).ok() ? 0 : 1;
+  }
+  if (asked("other-build")) {  // reads what comes, answers as a rendrib of another build would
+    fr::tracer::MessageHeader h;
+    h.type = fr::tracer::MessageType::kReady;
+    h.fingerprint ^= 1;
+    std::strcpy(h.version, "9.8.7");
+    while (const auto m = socket->receive(std::chrono::seconds(1)))
+      if (*m && !(**m).descriptors.empty()) (void)socket->send(std::as_bytes(std::span(&h, 1)), {});
+    return 1;
   }
   if (asked("die-later")) {  // when the scene has come
     while (const auto m = socket->receive(std::chrono::seconds(1)))
