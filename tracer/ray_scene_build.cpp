@@ -279,9 +279,12 @@ class RaySceneBuilder {
                                                    : "isa=avx512";
     const std::string config = fmt::format("threads={},{},start_threads=0,set_affinity=0", threads_, isa);
     em.device = rtcNewDevice(config.c_str());
-    if (!em.device)
-      return makeError(RiError::kSystem, "Embree cannot be started (error {})",
-                       int(rtcGetDeviceError(nullptr)));
+    if (!em.device) {
+      const RTCError code = rtcGetDeviceError(nullptr);
+      if (code == RTC_ERROR_OUT_OF_MEMORY)
+        return makeError(RiError::kNoMem, "Embree cannot be started: out of memory");
+      return makeError(RiError::kSystem, "Embree cannot be started (error {})", int(code));
+    }
     rtcSetDeviceErrorFunction(
         em.device,
         [](void* p, RTCError code, const char* text) {
