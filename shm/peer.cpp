@@ -233,7 +233,7 @@ ChildProcess::ChildProcess(ChildProcess&& o) noexcept
       pidfd_(std::move(o.pidfd_)),
       socket_(std::move(o.socket_)),
       hasSocket_(o.hasSocket_),
-      ended_(std::exchange(o.ended_, true)),
+      ended_(o.ended_.exchange(true)),
       waitStatus_(o.waitStatus_) {}
 
 ChildProcess::~ChildProcess() {

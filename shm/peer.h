@@ -3,6 +3,7 @@
 
 #include <sys/types.h>
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -97,7 +98,7 @@ class ChildProcess {
   FileDescriptor pidfd_;
   PeerSocket socket_;
   bool hasSocket_ = true;
-  bool ended_ = false;
+  std::atomic<bool> ended_{false};  // alive() reads it from any thread
   std::optional<int> waitStatus_;
 };
 
