@@ -1,0 +1,172 @@
+#include <fmt/format.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <new>
+#include <thread>
+
+#include "bench/oracle/oracle_bench.h"
+#include "shm/channel_layout.h"
+
+namespace fr::bench {
+namespace {
+
+/// A word there and back between two processes, both spinning: the floor. The partner looks at its word only
+/// while a measurement runs and sleeps otherwise.
+class CacheLine {
+ public:
+  CacheLine() {
+    void* p = ::mmap(nullptr, sizeof(Words), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    w_ = new (p) Words{};
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      for (uint32_t i = 1;; ++i) {
+        while (w_->ping.value.load(std::memory_order_acquire) != i) {
+          if (w_->active.value.load(std::memory_order_relaxed)) {
+            shm::cpuRelax();
+          } else {
+            ::usleep(200);
+          }
+        }
+        w_->pong.value.store(i, std::memory_order_release);
+      }
+    }
+  }
+  ~CacheLine() {
+    ::kill(pid_, SIGKILL);
+    ::waitpid(pid_, nullptr, 0);
+    ::munmap(static_cast<void*>(w_), sizeof(Words));
+  }
+  CacheLine(const CacheLine&) = delete;
+  CacheLine& operator=(const CacheLine&) = delete;
+  int pid() const { return pid_; }
+  void active(bool on) { w_->active.value.store(on, std::memory_order_relaxed); }
+  void trip() {
+    w_->ping.value.store(++count_, std::memory_order_release);
+    while (w_->pong.value.load(std::memory_order_acquire) != count_) shm::cpuRelax();
+  }
+
+ private:
+  struct Words {
+    shm::LonelyWord<uint32_t> ping, pong, active;
+  };
+  Words* w_;
+  pid_t pid_;
+  uint32_t count_ = 0;
+};
+
+/// The way of 1998: two bytes and twelve floats down one pipe, seven floats up another, both sides sleeping.
+class TwoPipes {
+ public:
+  explicit TwoPipes(RayOracle& answers) {
+    int there[2], back[2];
+    if (::pipe(there) != 0 || ::pipe(back) != 0) std::abort();
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      ::close(there[1]), ::close(back[0]);
+      char command[2];
+      float in[12];
+      while (readAll(there[0], command, sizeof command) && readAll(there[0], in, sizeof in)) {
+        SingleRayMail m;
+        for (int c = 0; c < 3; ++c) m.ray.origin[c] = in[c], m.ray.direction[c] = in[3 + c];
+        m.ray.kind = uint8_t(RayKind::kHitTest);
+        const SingleAnswer a = *answers.ask(m);
+        const float out[7] = {a.hitDistance, a.hitP[0], a.hitP[1], a.hitP[2],
+                              a.hitN[0],     a.hitN[1], a.hitN[2]};
+        if (::write(back[1], out, sizeof out) != ssize_t(sizeof out)) break;
+      }
+      ::_exit(0);
+    }
+    ::close(there[0]), ::close(back[1]);
+    down_ = there[1], up_ = back[0];
+  }
+  ~TwoPipes() {
+    ::close(down_), ::close(up_);
+    ::waitpid(pid_, nullptr, 0);
+  }
+  TwoPipes(const TwoPipes&) = delete;
+  TwoPipes& operator=(const TwoPipes&) = delete;
+  int pid() const { return pid_; }
+  void ask(const SingleRayMail& m) {
+    float out[12] = {}, in[7];
+    for (int c = 0; c < 3; ++c) out[c] = m.ray.origin[c], out[3 + c] = m.ray.direction[c];
+    if (::write(down_, "bh", 2) != 2 || ::write(down_, out, sizeof out) != ssize_t(sizeof out) ||
+        !readAll(up_, in, sizeof in))
+      std::abort();
+  }
+
+ private:
+  static bool readAll(int fd, void* to, size_t size) {
+    for (size_t done = 0; done < size;) {
+      const ssize_t n = ::read(fd, static_cast<char*>(to) + done, size - done);
+      if (n <= 0) return false;
+      done += size_t(n);
+    }
+    return true;
+  }
+  int down_, up_;
+  pid_t pid_;
+};
+
+/// Nanoseconds of f() each, best of many short series: a series that nobody disturbed.
+template <class F>
+double quickest(int series, int length, F&& f) {
+  double best = 1e9;
+  for (int s = 0; s < series; ++s) {
+    const double t0 = seconds();
+    for (int i = 0; i < length; ++i) f(i);
+    best = std::min(best, (seconds() - t0) / length);
+  }
+  return best * 1e9;
+}
+
+}  // namespace
+
+nlohmann::json benchSingleRays(const Options& options) {
+  Scene scene(options, 1);
+  auto here = std::move(scene.inproc->connect()).value(), there = std::move(scene.shm->connect()).value();
+  // Rays that leave the scene behind them are over at once; the others hit the outer sphere.
+  std::vector<SingleRayMail> hits, misses;
+  for (const auto& r : makeRays(64, false, RayKind::kHitTest, 3)) {
+    hits.push_back(testing::mailOf(r, RayKind::kHitTest));
+    hits.back().start = {};
+    misses.push_back(hits.back());
+    misses.back().ray.origin[0] += 100, misses.back().ray.direction[0] = 1;
+  }
+  for (int i = 0; i < 2000; ++i) {
+    if (!here->ask(hits[size_t(i) % 64]) || !there->ask(hits[size_t(i) % 64])) std::abort();
+  }
+  TwoPipes pipes(*here);
+  CacheLine line;
+  pinTo(0, 0), pinTo(scene.shm->processId(), 1), pinTo(pipes.pid(), 1), pinTo(line.pid(), 1);
+
+  nlohmann::json out;
+  fmt::print("single synchronous rayhittest, ns, two processors, quickest of short series, by turns\n");
+  fmt::print("  {:8} {:>10} {:>8} {:>8} {:>13} {:>7} {:>9} {:>9}\n", "rays", "cache line", "inproc",
+             "mailbox", "without rays", "ratio", "pipes", "speed-up");
+  for (const bool hit : {false, true}) {
+    const auto& rays = hit ? hits : misses;
+    std::vector<double> bare, trace, mail, pipe;
+    for (int repeat = 0; repeat < options.repeats; ++repeat) {
+      line.active(true);
+      bare.push_back(quickest(20, 500, [&](int) { line.trip(); }));
+      line.active(false);
+      trace.push_back(quickest(20, 256, [&](int i) { (void)here->ask(rays[size_t(i) % 64]); }));
+      mail.push_back(quickest(20, 256, [&](int i) { (void)there->ask(rays[size_t(i) % 64]); }));
+      pipe.push_back(quickest(5, 128, [&](int i) { pipes.ask(rays[size_t(i) % 64]); }));
+    }
+    const double over = median(mail) - median(trace), ratio = over / median(bare);
+    fmt::print("  {:8} {:10.0f} {:8.0f} {:8.0f} {:13.0f} {:7.2f} {:9.0f} {:9.1f}\n", hit ? "hits" : "misses",
+               median(bare), median(trace), median(mail), over, ratio, median(pipe),
+               median(pipe) / median(mail));
+    out[hit ? "hits" : "misses"] = {
+        {"cacheLineNs", median(bare)}, {"inprocNs", median(trace)},
+        {"mailboxNs", median(mail)},   {"ratioToCacheLine", ratio},
+        {"pipeNs", median(pipe)},      {"pipeOverMailbox", median(pipe) / median(mail)}};
+  }
+  return out;
+}
+
+}  // namespace fr::bench
