@@ -48,12 +48,17 @@ class ServerChannel {
   /// Held while a mail is served; guards mailSeen.
   std::atomic<bool> mailClaim{false};
   std::atomic<uint32_t> mailSeen{0};
+  /// Answers that the client has not been woken for, and since when. Hints: races cost a wake-up too many.
+  std::atomic<uint64_t> unannounced{0};
+  std::atomic<int64_t> unannouncedSince{0};
 };
 
 namespace {
 
 constexpr std::chrono::nanoseconds kForever{-1};
 constexpr std::chrono::seconds kBusyLook{1};
+/// What a client loses at most when it is not woken for the first answer: as much as 50 wake-ups cost.
+constexpr std::chrono::nanoseconds kAnnounceAfter{500000};
 
 /// Holds a claim flag for a scope, if it was free.
 class Claim {
@@ -78,6 +83,33 @@ struct Taken {
   uint32_t index;
   uint64_t use;
 };
+
+/// After an answer: wakes the client if it sleeps, unless there is something better to wait for. A client
+/// that sleeps while it has more in the ring is woken when half of that is answered: then it has as much to
+/// do as we have, and neither waits for the other, and a shared processor changes hands once for many blocks.
+/// Never later than kAnnounceAfter if we still answer, and with the last block in any case: what is in the
+/// ring will be taken, and whoever takes the last one comes here.
+void announce(ServerChannel& ch, bool now) {
+  Doorbell& bell = ch.memory.control().clientBell;
+  // SYNC POINT 1, ringer's side: the answer was published with seq_cst.
+  if (bell.sleepers.load(std::memory_order_seq_cst) == 0) {
+    if (ch.unannounced.load(std::memory_order_relaxed) != 0)
+      ch.unannounced.store(0, std::memory_order_relaxed);
+    return;
+  }
+  const uint64_t queued = ch.memory.control().tail.value.load(std::memory_order_seq_cst) -
+                          ch.head.load(std::memory_order_seq_cst);
+  if (!now && queued != 0) {
+    const uint64_t answers = ch.unannounced.fetch_add(1, std::memory_order_relaxed) + 1;
+    const int64_t time = std::chrono::steady_clock::now().time_since_epoch().count();
+    if (answers == 1) ch.unannouncedSince.store(time, std::memory_order_relaxed);
+    if (answers < queued &&
+        time - ch.unannouncedSince.load(std::memory_order_relaxed) < kAnnounceAfter.count())
+      return;
+  }
+  ch.unannounced.store(0, std::memory_order_relaxed);
+  bell.ring(1);
+}
 
 /// Takes the next block out of the ring. Nothing: none there, or another thread is at it. Sets `bad` when the
 /// client has written something impossible.
@@ -212,7 +244,7 @@ void ChannelServer::complete(const ServedBlock& served, bool ok) {
   // than release for the doorbell (SYNC POINT 1).
   ch.memory.state(served.index)
       .store(blockState(use, ok ? BlockPhase::kDone : BlockPhase::kFailed), std::memory_order_seq_cst);
-  ch.memory.control().clientBell.ring(1);
+  announce(ch, false);
 }
 
 size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel) {
@@ -256,7 +288,10 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
       const ServedBlock block{ch.id,  ch.user, taken->index, taken->use, ch.memory.block(taken->index),
                               channel};
       const Served result = handler_.serveBlock(block);
-      if (result != Served::kDeferred) complete(block, result == Served::kDone);
+      if (result != Served::kDeferred)
+        complete(block, result == Served::kDone);
+      else
+        announce(ch, true);  // nobody knows when this one will be answered: earlier ones must not wait for it
       ++served;
     }
   }
@@ -308,6 +343,7 @@ void ChannelServer::run() {
   std::shared_ptr<const Channels> mine;
   uint64_t version = 0;
   size_t turn = 0;
+  SpinHistory spins;
   Clock::time_point lastLook = Clock::now();
   while (!stop_.load(std::memory_order_seq_cst)) {
     if (const uint64_t now = channelsVersion_.load(std::memory_order_seq_cst); !mine || now != version) {
@@ -325,10 +361,13 @@ void ChannelServer::run() {
       return stop_.load(std::memory_order_seq_cst) ||
              channelsVersion_.load(std::memory_order_seq_cst) != version || hasWork(*mine);
     };
-    waitAtDoorbell(board_->bell(), options_.wait, kForever, ready, [&] {
-      lookAfterClients(*mine);
-      return true;
-    });
+    waitAtDoorbell(
+        board_->bell(), options_.wait, kForever, ready,
+        [&] {
+          lookAfterClients(*mine);
+          return true;
+        },
+        &spins);
   }
 }
 

@@ -1,6 +1,7 @@
 // Sleeping and waking across processes.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -57,26 +58,50 @@ struct WaitPolicy {
   std::chrono::nanoseconds recheck{20000000};  // a sleep is cut after this to re-check the peer's life
 };
 
+/// Whether spinning has paid lately, of one waiter: private to a thread, never in shared memory. A spin that
+/// ends with what was waited for saves a wake-up; one that ends asleep is lost, and on a busy machine it was
+/// taken from whoever was to do the work. So a waiter spins for the price of a wake-up as long as that
+/// succeeds at least every other time, and for a sixteenth of it otherwise; now and then it tries again.
+class SpinHistory {
+ public:
+  std::chrono::nanoseconds budget(std::chrono::nanoseconds full) {
+    return score_ > 0 || ++waits_ % kTryAgain == 0 ? full : full / kImpatient;
+  }
+  void note(bool succeeded) { score_ = std::clamp(score_ + (succeeded ? 1 : -1), -kMemory, kMemory); }
+
+ private:
+  static constexpr int kMemory = 8;
+  static constexpr uint32_t kTryAgain = 32;
+  static constexpr int kImpatient = 16;
+  int score_ = 2;
+  uint32_t waits_ = 0;
+};
+
 enum class WaitOutcome { kReady, kPeerGone, kTimedOut };
 
 /// Spins for policy.spin, then parks at `bell`, until ready() is true (kReady); alive() false ends the wait
 /// (kPeerGone, after one more look at ready()), as does `timeout` (< 0: none; precision policy.recheck).
 /// ready() must read what the ringer publishes with seq_cst loads (SYNC POINT 1); it is called often. alive()
-/// is called once per policy.recheck at most, never while spinning.
+/// is called once per policy.recheck at most, never while spinning. `history`: of this waiter, or nullptr:
+/// spin in full.
 template <class Ready, class Alive>
 WaitOutcome waitAtDoorbell(Doorbell& bell, const WaitPolicy& policy, std::chrono::nanoseconds timeout,
-                           Ready&& ready, Alive&& alive) {
+                           Ready&& ready, Alive&& alive, SpinHistory* history = nullptr) {
   using Clock = std::chrono::steady_clock;
   if (ready()) return WaitOutcome::kReady;
   const Clock::time_point start = Clock::now();
   Clock::time_point lookedAfterPeer = start;
-  const std::chrono::nanoseconds spin = policy.spin.count() < 0 ? wakeCost() : policy.spin;
+  std::chrono::nanoseconds spin = policy.spin.count() < 0 ? wakeCost() : policy.spin;
+  if (history) spin = history->budget(spin);
   while (Clock::now() - start < spin) {
     for (int i = 0; i < 32; ++i) {
       cpuRelax();
-      if (ready()) return WaitOutcome::kReady;
+      if (!ready()) continue;
+      if (history) history->note(true);
+      return WaitOutcome::kReady;
     }
   }
+  if (history) history->note(false);
   for (;;) {
     // SYNC POINT 1, sleeper's side (see Doorbell).
     bell.sleepers.fetch_add(1, std::memory_order_seq_cst);

@@ -40,6 +40,10 @@ Color saneOpacity(const Color& c) {
 uint32_t rayMask(RayKind kind) {
   return kind == RayKind::kVisibility ? kOpaqueShadowRay | kFilteredShadowRay : kReflectionRay;
 }
+/// Rays that are answered together. What is not shaded stays in the nearest cache; shading wants many points.
+uint32_t partOf(RayKind kind) {
+  return kind == RayKind::kHitTest ? 64u : kind == RayKind::kVisibility ? 256u : kMaxRays;
+}
 float missDistance(RayKind kind) { return kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace; }
 
 }  // namespace
@@ -76,15 +80,19 @@ void AnswerThread::answerAt(RayQuery& query, size_t depth) {
   const volatile RayQuery& q = query;  // read once: the client may be writing
   const RayKind kind = q.kind;
   const uint32_t count = q.count, rayLevel = q.level;
-  at.count = std::min(count, kMaxRays);
+  const uint32_t all = std::min(count, kMaxRays);
   at.rayLevel = std::clamp(rayLevel, 1u, 1u << 20);
   if (uint32_t(kind) > uint32_t(RayKind::kFullTrace)) return;  // no question of ours: nothing to write
-  (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += at.count;
-  readRays(query, at, rayMask(kind));
-  runAt(kind, at, depth);
+  (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += all;
   // Shaders' own trace() wants to know what missed.
   const bool full = kind == RayKind::kFullTrace || (kind == RayKind::kTrace && depth > 0);
-  writeAnswers(kind, at, full, query);
+  const uint32_t part = partOf(kind);
+  for (uint32_t first = 0; first < all; first += part) {
+    at.count = std::min(part, all - first);
+    readRays(query, first, at, rayMask(kind));
+    runAt(kind, at, depth);
+    writeAnswers(kind, at, full, query, first);
+  }
 }
 
 bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
@@ -168,18 +176,19 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask) {
   }
 }
 
-void AnswerThread::readRays(const RayQuery& query, Level& at, uint32_t mask) {
+void AnswerThread::readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask) {
   const volatile RayQuery& q = query;  // each value is read once: the client may be writing
   for (uint32_t i = 0; i < at.count; ++i) {
     AskedRay asked;
+    const uint32_t k = first + i;
     for (int c = 0; c < 3; ++c) {
-      asked.origin[c] = q.origin[c][i];
-      asked.direction[c] = q.direction[c][i];
-      asked.normal[c] = q.normal[c][i];
+      asked.origin[c] = q.origin[c][k];
+      asked.direction[c] = q.direction[c][k];
+      asked.normal[c] = q.normal[c][k];
     }
-    asked.time = q.time[i], asked.radius = q.radius[i], asked.spread = q.spread[i];
-    asked.node = q.node[i];
-    asked.seed = q.seed[i];
+    asked.time = q.time[k], asked.radius = q.radius[k], asked.spread = q.spread[k];
+    asked.node = q.node[k];
+    asked.seed = q.seed[k];
     startPath(at.path[i], asked, mask);
   }
 }
@@ -194,22 +203,23 @@ void AnswerThread::runAt(RayKind kind, Level& at, size_t depth) {
   }
 }
 
-void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query) {
+void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first) {
   const bool distance = kind != RayKind::kVisibility, hit = full || kind == RayKind::kHitTest;
   for (uint32_t i = 0; i < at.count; ++i) {
     const PathRay& p = at.path[i];
+    const uint32_t k = first + i;
     if (kind != RayKind::kHitTest) {
       const Color& color = distance ? p.color : p.through;
-      for (int c = 0; c < 3; ++c) query.color[c][i] = color[c];
+      for (int c = 0; c < 3; ++c) query.color[c][k] = color[c];
     }
-    if (distance) query.hitDistance[i] = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
+    if (distance) query.hitDistance[k] = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
     if (!hit) continue;
     Vec3 P(0), N(0);
     if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
-    for (int c = 0; c < 3; ++c) query.hitP[c][i] = P[c], query.hitN[c][i] = N[c];
+    for (int c = 0; c < 3; ++c) query.hitP[c][k] = P[c], query.hitN[c][k] = N[c];
     if (!full) continue;
-    query.missDepth[i] = float(p.missDepth);
-    for (int c = 0; c < 3; ++c) query.missP[c][i] = p.missP[c], query.missR[c][i] = p.missR[c];
+    query.missDepth[k] = float(p.missDepth);
+    for (int c = 0; c < 3; ++c) query.missP[c][k] = p.missP[c], query.missR[c][k] = p.missR[c];
   }
 }
 

@@ -95,11 +95,11 @@ class AnswerThread {
   Level& level(size_t depth);
   void answerAt(RayQuery& query, size_t depth);
   void startPath(PathRay& path, const AskedRay& asked, uint32_t mask);
-  void readRays(const RayQuery& query, Level& at, uint32_t mask);
+  void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
   void runAt(RayKind kind, Level& at, size_t depth);
   void runVisibility(Level& at, size_t depth);
   void runTrace(Level& at, size_t depth);
-  void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query);
+  void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first);
   void publishCounts();
   void shadeHits(Level& at, size_t depth, bool shadowRays);
   void shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays);
