@@ -1,6 +1,7 @@
 // The limits of the ray oracle: what its transports cost over answering in the asking thread.
 //
 // oracle_bench [--json=FILE] [--only=throughput|single|clients|idle] [--rays=N] [--patches=N] [--repeats=N]
+// [--width=W]
 //
 //   throughput  W client threads that wait while their rays fly and W server threads, against W threads that
 //   answer
@@ -67,14 +68,16 @@ int main(int argc, char** argv) {
       options.patches = uint32_t(std::stoul(a.substr(10)));
     } else if (a.starts_with("--repeats=")) {
       options.repeats = std::stoi(a.substr(10));
+    } else if (a.starts_with("--width=")) {
+      options.width = std::stoi(a.substr(8));
     } else if (a.starts_with("--json=")) {
       file = a.substr(7);
     } else if (a.starts_with("--only=")) {
       only = a.substr(7);
     } else {
       fmt::print(stderr,
-                 "usage: oracle_bench [--json=FILE] [--only=throughput|single|clients|idle] [--rays=24576] "
-                 "[--patches=64] [--repeats=7]\n");
+                 "usage: oracle_bench [--json=FILE] [--only=throughput|single|clients|idle] [--rays=65536] "
+                 "[--patches=64] [--repeats=7] [--width=W]\n");
       return 2;
     }
   }
@@ -84,6 +87,7 @@ int main(int argc, char** argv) {
   const auto wanted = [&](const char* name) { return only.empty() || only == name; };
   if (wanted("throughput")) {
     for (int width = 1; width <= processorCount(); width *= 2) {
+      if (options.width && width != options.width) continue;
       all["throughput"].push_back(runApart([&] { return benchThroughput(options, width); }));
     }
   }

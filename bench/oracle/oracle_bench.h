@@ -17,7 +17,8 @@ namespace fr::bench {
 
 struct Options {
   uint32_t patches = 64;  // of each of the two spheres, squared; 64 quads a patch at stride 2
-  size_t rays = 24576;    // of one measurement of one line
+  size_t rays = 65536;    // of one measurement of one line
+  int width = 0;          // of throughput; 0: 1, 2, 4 ... as far as there are processors
   int repeats = 7;        // measurements of each transport, by turns
 };
 
