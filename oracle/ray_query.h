@@ -12,6 +12,9 @@
 namespace fr {
 
 inline constexpr uint32_t kMaxRays = 1024;
+/// Places of an array: one cache line more than used. Arrays at a power of two from each other would share
+/// one set of every cache, and a ray touches all of them.
+inline constexpr uint32_t kRayRow = kMaxRays + 16;
 
 /// What is asked of every ray of a batch.
 enum class RayKind : uint32_t {
@@ -29,30 +32,30 @@ struct RayQuery {
   uint32_t label;  // StringId of the trace label, 0: none
   uint64_t reserved[6];
 
-  float origin[3][kMaxRays];
-  float direction[3][kMaxRays];  // need not be unit; kVisibility: to - from
-  float time[kMaxRays];          // 0..1 within the shutter
-  float radius[kMaxRays];        // footprint at the origin
-  float spread[kMaxRays];        // growth of the footprint's radius per unit of distance
-  float normal[3][kMaxRays];  // geometric normal (unit, oriented) at the start point; 0: does not start on a
-                              // surface
-  uint32_t node[kMaxRays];    // patch the ray starts on, cache::kNone: none
-  uint32_t cell[kMaxRays];
-  float u[kMaxRays], v[kMaxRays];
-  uint64_t seed[kMaxRays];        // path of counter-based random numbers
-  uint32_t importance[kMaxRays];  // weight as float bits; reserved for pruning
+  float origin[3][kRayRow];
+  float direction[3][kRayRow];  // need not be unit; kVisibility: to - from
+  float time[kRayRow];          // 0..1 within the shutter
+  float radius[kRayRow];        // footprint at the origin
+  float spread[kRayRow];        // growth of the footprint's radius per unit of distance
+  float normal[3][kRayRow];  // geometric normal (unit, oriented) at the start point; 0: does not start on a
+                             // surface
+  uint32_t node[kRayRow];    // patch the ray starts on, cache::kNone: none
+  uint32_t cell[kRayRow];
+  float u[kRayRow], v[kRayRow];
+  uint64_t seed[kMaxRays + 8];   // path of counter-based random numbers
+  uint32_t importance[kRayRow];  // weight as float bits; reserved for pruning
   uint32_t
-      point[kMaxRays];  // which point of the asking batch this ray belongs to: ShadeTask::writeRays sets it,
-                        // the tracer uses it to find the deepest miss below each hit; 0xffffffff: all of them
-                        // (one ray whose operands are uniform). Clients of an oracle may leave it alone
+      point[kRayRow];  // which point of the asking batch this ray belongs to: ShadeTask::writeRays sets it,
+                       // the tracer uses it to find the deepest miss below each hit; 0xffffffff: all of them
+                       // (one ray whose operands are uniform). Clients of an oracle may leave it alone
 
-  float color[3][kMaxRays];
-  float hitDistance[kMaxRays];
-  float hitP[3][kMaxRays];
-  float hitN[3][kMaxRays];
-  float missP[3][kMaxRays];
-  float missR[3][kMaxRays];
-  float missDepth[kMaxRays];  // depth of the deepest ray that missed everything, 0: none missed
+  float color[3][kRayRow];
+  float hitDistance[kRayRow];
+  float hitP[3][kRayRow];
+  float hitN[3][kRayRow];
+  float missP[3][kRayRow];
+  float missR[3][kRayRow];
+  float missDepth[kRayRow];  // depth of the deepest ray that missed everything, 0: none missed
 };
 static_assert(std::is_trivially_copyable_v<RayQuery> && std::is_standard_layout_v<RayQuery>);
 

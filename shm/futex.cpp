@@ -101,7 +101,10 @@ void Doorbell::ring(int count) {
   // The change of the word keeps a sleeper that has announced itself but not yet entered the kernel from
   // sleeping.
   sequence.fetch_add(1, std::memory_order_seq_cst);
-  futexWake(sequence, count);
+  const int woken = futexWake(sequence, count);
+  // Whoever was woken is no sleeper any more, though it may have to wait for a processor: further
+  // publications until then need no call.
+  if (woken > 0) sleepers.fetch_sub(uint32_t(woken), std::memory_order_seq_cst);
 }
 
 }  // namespace fr::shm

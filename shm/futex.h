@@ -35,12 +35,14 @@ std::chrono::nanoseconds wakeCost();
 /// sleep. SYNC POINT 1: the ringer's seq_cst publication and its seq_cst load of `sleepers` in ring() pair
 /// with the sleeper's seq_cst increment of `sleepers` and its seq_cst re-check in DoorbellSleep: in the
 /// single total order either the ringer sees the sleeper or the sleeper sees the publication. No wake-up is
-/// lost, and nobody pays a system call while nobody sleeps. Crash: a process killed asleep leaves `sleepers`
-/// too high: later rings cost a needless system call. A hostile value of either word costs at most one
-/// time-out: every sleep has one.
+/// lost, and nobody pays a system call while nobody sleeps. A sleeper that is woken is taken off `sleepers`
+/// by whoever woke it, one that returns otherwise takes itself off: the kernel says which (FUTEX_WAKE counts
+/// exactly those that FUTEX_WAIT returns 0 to). Crash: a process killed asleep leaves `sleepers` too high:
+/// later rings cost a needless system call. A hostile value of either word costs at most one time-out: every
+/// sleep has one.
 struct alignas(kCacheLine) Doorbell {
   std::atomic<uint32_t> sequence;  // what the sleepers sleep on; changes with each ring
-  std::atomic<uint32_t> sleepers;
+  std::atomic<uint32_t> sleepers;  // asleep or about to be, and not woken yet
   uint8_t pad[kCacheLine - 8];
 
   void init() {
@@ -107,8 +109,9 @@ WaitOutcome waitAtDoorbell(Doorbell& bell, const WaitPolicy& policy, std::chrono
     bell.sleepers.fetch_add(1, std::memory_order_seq_cst);
     const uint32_t seen = bell.sequence.load(std::memory_order_seq_cst);
     const bool now = ready();
-    if (!now) futexWait(bell.sequence, seen, policy.recheck);
-    bell.sleepers.fetch_sub(1, std::memory_order_seq_cst);
+    // Whoever wakes us has taken us off the list.
+    if (now || futexWait(bell.sequence, seen, policy.recheck) != FutexResult::kWoken)
+      bell.sleepers.fetch_sub(1, std::memory_order_seq_cst);
     if (now || ready()) return WaitOutcome::kReady;
     const Clock::time_point t = Clock::now();
     if (t - lookedAfterPeer >= policy.recheck) {
