@@ -67,14 +67,14 @@ bool completeOrEmpty(const T& v) {
   return complete(v) || !v.x;
 }
 
-void readVectors(const frankenray_vectors& v, size_t first, uint32_t n, float (*to)[kMaxRays]) {
+void readVectors(const frankenray_vectors& v, size_t first, uint32_t n, float (*to)[kRayRow]) {
   const ptrdiff_t stride = strideOf(v), at = ptrdiff_t(first) * stride;
   const float* const from[3] = {v.x, v.y, v.z};
   for (int c = 0; c < 3; ++c)
     for (uint32_t i = 0; i < n; ++i) to[c][i] = from[c][at + ptrdiff_t(i) * stride];
 }
 
-void writeVectors(const float (*from)[kMaxRays], size_t first, uint32_t n, const frankenray_vectors_out& v) {
+void writeVectors(const float (*from)[kRayRow], size_t first, uint32_t n, const frankenray_vectors_out& v) {
   if (!v.x) return;
   const ptrdiff_t stride = strideOf(v), at = ptrdiff_t(first) * stride;
   float* const to[3] = {v.x, v.y, v.z};

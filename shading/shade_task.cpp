@@ -168,7 +168,7 @@ void ShadeTask::readAnswers(const RayQuery& q) {
   const Mat4& m = t.system.cacheToCurrent;
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
-  const auto vec = [](const float(&a)[3][kMaxRays], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
+  const auto vec = [](const float(&a)[3][kRayRow], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
   for (uint32_t k = 0; k < r.count; ++k) {
     const Vec3 color = vec(q.color, k);
     const bool colored =
