@@ -117,7 +117,7 @@ Result<void> addPrimitive(SkeletonWriter& writer, const PrimitiveDesc& desc) {
   const NodeId patches = writer.nextRootPatch();
   const uint32_t edges = writer.nextEdge();
   Adding a(writer, desc);
-  const Result<void> r = [&]() -> Result<void> {
+  Result<void> r = [&]() -> Result<void> {
     for (const ri::Primitive* k : desc.keys) {
       if (!k || k->index() != desc.primitive->index()) {
         return a.error(RiError::kBadMotion, "the motion block holds different kinds of primitives");

@@ -118,8 +118,12 @@ ShaderRecord AttributeRecords::shaderRecord(const ri::ShaderInstance& s) {
   r.name = writer_.intern(s.name);
   r.kind = kindOf(s.kind);
   auto space = state_.toWorld(s.shaderSpace);
-  if (!space) report(std::move(space).error().context(fmt::format("space of shader \"{}\"", s.name)));
-  r.transform = transform(space ? *space : ri::TransformPtr());
+  if (space)
+    r.transform = transform(*space);
+  else {
+    report(std::move(space).error().context(fmt::format("space of shader \"{}\"", s.name)));
+    r.transform = transform(ri::TransformPtr());
+  }
   r.params = writer_.addParams(s.params);
   r.areaLightObject = r.attributes = kNone;
   return r;

@@ -15,7 +15,7 @@ struct DiceEye {
   double pixel = 1e-3;         // edge of a pixel in world units, at distance 1 (orthographic: everywhere)
   double nearDistance = 1e-3;  // distances count as at least this
   DVec3 axis{0, 0, 1};         // where it looks, unit
-  double cone = 3.2;           // half angle of the cone around the frustum, radians; above pi: sees everything
+  double cone = 3.2;  // half angle of the cone around the frustum, radians; above pi: sees everything
 };
 /// cacheToCamera at shutter open.
 DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);

@@ -42,7 +42,7 @@ inline EdgeCount countEdges(DiceScene& scene) {
     if (fresh) places.push_back(it->first);
     return it->second;
   };
-  const auto face = [&](std::vector<uint32_t> v) {
+  const auto face = [&](const std::vector<uint32_t>& v) {
     std::vector<uint32_t> loop;
     for (uint32_t x : v) {
       if (loop.empty() || loop.back() != x) loop.push_back(x);
