@@ -5,6 +5,7 @@
 
 #include "imaging/display_mode.h"
 #include "imaging/image_file.h"
+#include "shm/memory_info.h"
 
 namespace fr {
 
@@ -111,7 +112,16 @@ Result<void> FrameOutput::open() {
     d.format = formatQuantizer(d.request, d.sources).format();
     if (!(use.acceptedFormats & (1u << int(d.format)))) d.format = SampleFormat::kFloat;
     d.pixelBytes = sampleBytes(d.format) * d.sources.size();
-    d.pixels.resize(d.pixelBytes * size_t(width) * size_t(height));
+    const uint64_t bytes = uint64_t(d.pixelBytes) * uint64_t(width) * uint64_t(height);
+    if (const uint64_t usable = shm::availableMemory().usable(); bytes > usable / 10 * 9) {
+      fail(d, makeError(
+                  RiError::kNoMem,
+                  "display \"{}\": {} x {} pixels of {} channels take {} MiB, and {} MiB of memory are free: "
+                  "render a smaller picture, or parts of it with CropWindow",
+                  d.request.name, width, height, d.sources.size(), bytes >> 20, usable >> 20));
+      continue;
+    }
+    d.pixels.resize(bytes);
     d.missing.assign(size_t(height), width);
 
     std::vector<const char*> names;

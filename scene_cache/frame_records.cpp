@@ -130,8 +130,13 @@ void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCame
 
   OptionsRecord r{};
   for (size_t i = 0; i < 2; ++i) {
-    r.pixelSamples[i] = clampedFloat(o.pixelSamples[i], 1, 4096, 2);
-    r.filterWidth[i] = clampedFloat(o.filterWidth[i], 1e-3, 1024, 2);
+    if (o.pixelSamples[i] > kMaxPixelSamples || o.filterWidth[i] > kMaxFilterWidth)
+      reportOnce("too many samples",
+                 makeError(RiError::kLimit,
+                           "PixelSamples are limited to {} a side of a pixel, PixelFilter to {} pixels",
+                           kMaxPixelSamples, kMaxFilterWidth));
+    r.pixelSamples[i] = clampedFloat(o.pixelSamples[i], 1, kMaxPixelSamples, 2);
+    r.filterWidth[i] = clampedFloat(o.filterWidth[i], 1e-3, kMaxFilterWidth, 2);
   }
   r.filter = w.intern(ri::filterName(o.filter));
   r.exposure[0] = clampedFloat(o.gain, -kLargest, kLargest, 1);

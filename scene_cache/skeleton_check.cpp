@@ -266,8 +266,8 @@ class Checker {
           slice(o.options, h_.params, "options", 0, "options")))
       return;
     for (int k = 0; k < 2; ++k)
-      if (!(o.pixelSamples[k] >= 1 && o.pixelSamples[k] <= 4096) ||
-          !(o.filterWidth[k] > 0 && o.filterWidth[k] <= 1024) || !finite(o.exposure[k]))
+      if (!(o.pixelSamples[k] >= 1 && o.pixelSamples[k] <= kMaxPixelSamples) ||
+          !(o.filterWidth[k] > 0 && o.filterWidth[k] <= kMaxFilterWidth) || !finite(o.exposure[k]))
         return void(fail("options: samples, filter width or exposure out of range"));
     const auto displays = at<DisplayRecord>(h_.displays);
     for (size_t i = 0; i < displays.size(); ++i)

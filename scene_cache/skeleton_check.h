@@ -17,6 +17,9 @@ Result<void> checkSkeleton(std::span<const std::byte> bytes, bool verifyChecksum
 
 /// Largest image side that a camera may ask for.
 inline constexpr int32_t kMaxResolution = 1 << 18;
+/// Samples along one side of a pixel, and pixels along one side of a filter.
+inline constexpr float kMaxPixelSamples = 128;
+inline constexpr float kMaxFilterWidth = 64;
 /// Most motion keys of a transform or a primitive.
 inline constexpr uint64_t kMaxKeys = 4096;
 

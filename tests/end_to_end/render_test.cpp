@@ -379,6 +379,19 @@ TEST(BadInput, ATruncatedSceneNeverCrashesOrHangs) {
   }
 }
 
+TEST(BadInput, APictureThatCannotBeHeldIsRefused) {
+  Workspace w;
+  w.write(
+      "scene.rib",
+      "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 2000000000 2000000000 1\nPixelSamples 100000 100000\n"
+      "PixelFilter \"box\" 1e9 1e9\nWorldBegin\nWorldEnd\n");
+  const Outcome o = run("frankenrender", {"scene.rib"}, w.path());
+  EXPECT_EQ(o.exitCode, 1);
+  EXPECT_NE(o.err.find("RIE_NOMEM"), std::string::npos) << o.err;
+  EXPECT_NE(o.err.find("RIE_LIMIT"), std::string::npos) << o.err;
+  EXPECT_FALSE(std::filesystem::exists(w.path() / "out.exr"));
+}
+
 TEST(BadInput, NonFiniteGeometryIsDroppedWithAMessage) {
   Workspace w;
   Outcome o;
