@@ -90,7 +90,7 @@ void ChannelLine::release(RayQuery* q) {
   const int i = find(q);
   if (i < 0) return;
   Slot& s = slots_[size_t(i)];
-  if (s.state == SlotState::kSubmitted) return;  // the server's
+  if (s.state == SlotState::kSubmitted && !answered(q)) return;  // the server's
   channel_.release(uint32_t(i));
   s = {};
 }

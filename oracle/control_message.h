@@ -43,6 +43,9 @@ enum class ControlType : uint32_t {
 inline constexpr uint32_t kControlVersion = 1;
 inline constexpr uint32_t kControlMagic = 0x52544652;  // "FRTR"
 
+/// The name of a client that only looks (server_watch.h): it is not counted.
+inline constexpr std::string_view kWatcherName = "raystat";
+
 /// Clients and ray servers of different builds must agree about every byte of these.
 uint64_t controlFingerprint();
 /// Of RayQuery alone.

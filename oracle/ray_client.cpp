@@ -2,6 +2,7 @@
 
 #include <poll.h>
 #include <signal.h>
+#include <sys/socket.h>
 
 #include <array>
 #include <cstring>
@@ -31,13 +32,13 @@ Result<LinkPtr> meet(PipeEnds ends, shm::PeerSocket socket, const RayClientOptio
     const int n = ::poll(p, 2, kLookUp);
     if (n < 0 && errno != EINTR)
       return makeError(RiError::kSystem, "cannot wait for the ray server: {}", std::strerror(errno));
-    if (n > 0 && (p[1].revents & POLLIN)) {
-      // It also reports the end of the child: then the conversation says how that came.
-      if (socket.alive()) {
-        ends.toServer.reset();
-        ends.fromServer.reset();
-        return openShmLink(std::move(socket), std::move(ends.child), options);
-      }
+    // The end of a child that never spoke reads as "something there" as well: look for a message.
+    std::byte first;
+    if (n > 0 && (p[1].revents & POLLIN) &&
+        ::recv(socket.descriptor(), &first, 1, MSG_PEEK | MSG_DONTWAIT) > 0) {
+      ends.toServer.reset();
+      ends.fromServer.reset();
+      return openShmLink(std::move(socket), std::move(ends.child), options);
     }
     if (n > 0 && (p[1].revents & (POLLHUP | POLLERR | POLLNVAL)))
       socket.close();  // a program that closes what it

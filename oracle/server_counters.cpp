@@ -28,6 +28,9 @@ static_assert(sizeof(CountersPage) <= kRowsOffset && kGaugeCount <= 32);
 
 constexpr uint64_t kBytes = kRowsOffset + uint64_t(ServerCounters::kMostRows) * sizeof(CounterRow);
 
+/// What is allocated: the last bytes of a segment are its padding.
+constexpr uint64_t kAllocated = shm::roundUp(kBytes + shm::kEndPadding, 4096);
+
 uint64_t fingerprint() {
   return shm::layoutHash(kCountersVersion, sizeof(CountersPage), sizeof(CounterRow), uint64_t(kCounterCount),
                          uint64_t(kGaugeCount), ServerCounters::kMostRows);
@@ -36,7 +39,7 @@ uint64_t fingerprint() {
 shm::SegmentOptions options() {
   shm::SegmentOptions o;
   o.name = "frankenrender ray server counters";
-  o.reserve = kBytes;
+  o.reserve = kAllocated;
   o.sealedOnly = true;
   return o;
 }
@@ -58,8 +61,7 @@ RayServerNumbers readAll(const shm::Segment& s) {
 }  // namespace
 
 Result<std::unique_ptr<ServerCounters>> ServerCounters::create() {
-  // A page of surplus: segments keep their last bytes to themselves.
-  auto fd = shm::createSealedMemory(options().name, kBytes + 4096);
+  auto fd = shm::createSealedMemory(options().name, kAllocated);
   if (!fd) return std::move(fd).error();
   auto memory = shm::Segment::attach(std::move(fd).value(), shm::Access::kReadWrite, options());
   if (!memory) return std::move(memory).error();

@@ -1,7 +1,9 @@
 // One batch in flight: bump mapping, the surface shader with its lights, the atmosphere.
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
+#include <string_view>
 
 #include "base/random.h"
 #include "shading/point_columns.h"
@@ -19,6 +21,7 @@ struct ShadeTask::Impl {
   const ShadeSetup* setup = nullptr;
   Stage stage = Stage::kIdle;
   std::vector<float> times;  // per point, 0..1
+  bool timed = false;        // they came with the points
   mutable AlignedFloats broadcast;
   AlignedFloats results;
 
@@ -61,6 +64,7 @@ void ShadeTask::begin(const ShadePoints& points) {
   t.setup = &t.system.setup(t.system.scene.objectOf(node).attributes);
   t.columns.fill(points, *t.setup);
   t.times.assign(t.columns.count(), 0.0f);
+  t.timed = points.topology == ShadePoints::Topology::kHits && points.time;
   if (points.topology == ShadePoints::Topology::kHits && points.time)
     for (uint32_t i = 0; i < t.columns.count(); ++i)
       t.times[i] = points.time[i] >= 0.0f && points.time[i] <= 1.0f ? points.time[i] : 0.0f;
@@ -131,6 +135,22 @@ Vec3 ShadeTask::Impl::cacheNormal(uint32_t lane) const {
   return length > 0 && std::isfinite(length) ? n / length : Vec3(0);
 }
 
+namespace {
+
+/// RAYSERVER_JITTER_TIMES=0: every ray at shutter open, as in 1998. Jittered is the default here.
+bool jitterRayTimes() {
+  static const bool jitter = [] {
+    const char* v = std::getenv("RAYSERVER_JITTER_TIMES");
+    return !v || std::string_view(v) != "0";
+  }();
+  return jitter;
+}
+
+/// In [0, 1), from the ray's seed: the same whoever asks.
+float rayTime(uint64_t seed) { return float(hashStep(seed, 0x74696d65) >> 40) * 0x1p-24f; }
+
+}  // namespace
+
 void ShadeTask::writeRays(RayQuery& q) const {
   const Impl& t = *impl_;
   const PendingRays& r = t.running().rays();
@@ -141,6 +161,9 @@ void ShadeTask::writeRays(RayQuery& q) const {
   const Mat4& m = t.system.currentToCache;
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));  // cameras may scale
+  // What the camera sees is shaded at shutter open; its rays look about in the whole shutter. Rays of hits
+  // keep the time of the ray that hit.
+  const bool atCamera = !t.timed && jitterRayTimes();
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t lane = r.lane[k];
     const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
@@ -148,7 +171,7 @@ void ShadeTask::writeRays(RayQuery& q) const {
     const Vec3 normal = r.onSurface[k] ? t.cacheNormal(lane) : Vec3(0);
     for (int c = 0; c < 3; ++c)
       q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
-    q.time[k] = t.times[lane];
+    q.time[k] = atCamera ? rayTime(r.seed[k]) : t.times[lane];
     q.radius[k] = r.radius[k] * scale;
     q.spread[k] = r.spread[k];
     q.node[k] = r.onSurface[k] ? t.columns.node(lane) : cache::kNone;

@@ -82,6 +82,7 @@ class Claim {
 struct Taken {
   uint32_t index;
   uint64_t use;
+  uint32_t behind;
 };
 
 /// After an answer: wakes the client if it sleeps, unless there is something better to wait for. A client
@@ -149,7 +150,7 @@ std::optional<Taken> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
                                std::memory_order_relaxed);  // for observers
   ch.head.store(head + 1, std::memory_order_seq_cst);
   c.head.value.store(head + 1, std::memory_order_relaxed);  // for observers
-  return Taken{index, use};
+  return Taken{index, use, uint32_t(waiting - 1)};
 }
 
 }  // namespace
@@ -285,8 +286,8 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
 
   if (!bad) {
     if (const std::optional<Taken> taken = takeBlock(ch, bad)) {
-      const ServedBlock block{ch.id,  ch.user, taken->index, taken->use, ch.memory.block(taken->index),
-                              channel};
+      const ServedBlock block{
+          ch.id, ch.user, taken->index, taken->use, ch.memory.block(taken->index), channel, taken->behind};
       const Served result = handler_.serveBlock(block);
       if (result != Served::kDeferred)
         complete(block, result == Served::kDone);

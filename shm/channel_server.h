@@ -24,6 +24,7 @@ struct ServedBlock {
   uint64_t use = 0;            // which submission of that block this is
   std::span<std::byte> bytes;  // the client's memory: it may change while you read. Copy what you check.
   std::shared_ptr<ServerChannel> channel;
+  uint32_t behind = 0;  // blocks that waited behind this one in the channel's ring
 };
 
 enum class Served {

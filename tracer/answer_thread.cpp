@@ -48,7 +48,7 @@ float missDistance(RayKind kind) { return kind == RayKind::kHitTest ? kNoHit : k
 
 }  // namespace
 
-AnswerThread::AnswerThread(RayTracer& tracer) : tracer_(tracer) {}
+AnswerThread::AnswerThread(RayTracer& tracer, CounterRow* row) : tracer_(tracer), row_(row) {}
 
 AnswerThread::~AnswerThread() {
   std::lock_guard lock(tracer_.mutex_);
@@ -70,6 +70,20 @@ void AnswerThread::answer(RayQuery& query) {
 }
 
 void AnswerThread::publishCounts() {
+  if (row_) {
+    const auto add = [this](Counter c, uint64_t n) {
+      if (n > 0) row_->add(c, n);
+    };
+    for (uint32_t k = 0; k < 4; ++k) {
+      add(Counter(uint32_t(Counter::kTrace) + k), counts_.rays[k]);
+      add(Counter(uint32_t(Counter::kNestedTrace) + k), counts_.nestedRays[k]);
+    }
+    add(Counter::kIntersections, counts_.intersections);
+    add(Counter::kRejected, counts_.rejected);
+    add(Counter::kHitsShaded, counts_.hitsShaded);
+    add(Counter::kPointsShaded, counts_.pointsShaded);
+    add(Counter::kBusyNanoseconds, uint64_t(counts_.answerSeconds * 1e9));
+  }
   std::lock_guard lock(tracer_.mutex_);
   tracer_.counted_ += counts_;
   counts_ = {};

@@ -55,6 +55,7 @@ Result<void> RayTracer::prepare() {
     if (built) {
       scene_ = std::move(built).value();
       ready_.store(scene_.get(), std::memory_order_release);
+      if (options_.onBuilt) options_.onBuilt(*this);
     } else {
       error_ = std::move(built).error();
       report(*error_);

@@ -14,16 +14,21 @@
 
 #include "base/error.h"
 #include "oracle/ray_query.h"
+#include "oracle/server_counters.h"
 #include "oracle/single_ray.h"
 #include "shading/shading_system.h"
 #include "tracer/ray_scene.h"
 
 namespace fr::tracer {
 
+class RayTracer;
+
 struct RayTracerOptions {
   RaySceneOptions scene;
   /// Deepest ray level that is traced; negative: Option "render" "max_raylevel" of the scene (default 4).
   int maxRayLevel = -1;
+  /// Called once, when the ray scene has been built (at the first question), by the thread that built it.
+  std::function<void(const RayTracer&)> onBuilt;
 };
 
 /// Counts of one process. Plain numbers with a fixed layout: they travel between processes.
@@ -78,7 +83,8 @@ class RayTracer {
 /// One thread's workplace. Not thread-safe.
 class AnswerThread {
  public:
-  explicit AnswerThread(RayTracer& tracer);
+  /// `row`: also counts here, for those who watch (nullptr: nobody does).
+  explicit AnswerThread(RayTracer& tracer, CounterRow* row = nullptr);
   ~AnswerThread();
 
   /// Answers a block in place. Nothing in it is trusted, and it may change while it is read: every input is
@@ -109,6 +115,7 @@ class AnswerThread {
   RayTracer& tracer_;
   std::vector<std::unique_ptr<Level>> levels_;
   TracerStatistics counts_;
+  CounterRow* row_;
 };
 
 }  // namespace fr::tracer

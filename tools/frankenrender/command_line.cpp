@@ -40,6 +40,7 @@ bool isSideSwitch(const std::string& a) { return a == "-bmrt" || a == "-prman" |
 
 ParsedCommandLine parseCommandLine(int argc, char** argv) {
   CommandLine c;
+  c.words.assign(argv + 1, argv + argc);
   CLI::App app{kDescription, "frankenrender"};
   app.footer(kFooter);
   app.set_version_flag("--version,-V", std::string("frankenrender ") + FR_VERSION);
@@ -53,8 +54,15 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
 
   auto* shmFlag =
       app.add_flag("--shm", shm, "Ray tracer in a process of its own, over shared memory (default)");
-  app.add_flag("--inproc", c.inproc, "Everything in one process; the same picture, bit for bit")
-      ->excludes(shmFlag);
+  auto* inprocFlag =
+      app.add_flag("--inproc", c.inproc, "Everything in one process; the same picture, bit for bit")
+          ->excludes(shmFlag);
+  app.add_flag(
+         "--pipe", c.pipe,
+         "Ray tracer behind a pipe, as in 1998: it loads the scene for itself; RAYSERVER may say how to\n"
+         "start it (default: rendrib -rayserver with the same scene). The same picture, bit for bit")
+      ->excludes(shmFlag)
+      ->excludes(inprocFlag);
   app.add_option("--res", resolution, "Resolution, instead of Format")
       ->expected(2)
       ->type_name("X Y")

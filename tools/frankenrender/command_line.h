@@ -13,6 +13,8 @@ struct CommandLine {
   std::vector<cache::RibInput> inputs;  // in order; one .fsc stands alone
   cache::LoadOptions load;
   bool inproc = false;
+  bool pipe = false;
+  std::vector<std::string> words;  // as typed, without the program: a ray server of --pipe gets the same
   int threads = 0;  // 0: all cores
   bool progress = false;
   bool stats = false;

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <thread>
 
 #include "base/log.h"
+#include "oracle/ray_client.h"
 #include "reyes/renderer.h"
 #include "scene_cache/cache.h"
 #include "shading/shader_library.h"
@@ -18,10 +20,28 @@
 #include "tools/frankenrender/progress_bar.h"
 #include "tools/shader_folders.h"
 #include "tracer/inproc_oracle.h"
+#include "tracer/pipe_oracle.h"
 #include "tracer/shm_oracle.h"
 
 namespace fr::tools {
 namespace {
+
+/// How --pipe starts its ray server: RAYSERVER as in 1998, else our own over the same frame.
+Result<std::vector<std::string>> rayServerCommand(const CommandLine& c, int frame, int threads) {
+  if (const char* given = std::getenv("RAYSERVER"); given && *given) return splitCommandLine(given);
+  for (const cache::RibInput& i : c.inputs)
+    if (i.path == "-")
+      return makeError(RiError::kBadFile,
+                       "--pipe: the ray server reads the scene too, so it cannot come from standard input");
+  std::vector<std::string> words{(std::filesystem::read_symlink("/proc/self/exe").parent_path() / "rendrib"),
+                                 "-rayserver", "-silent", "-threads", std::to_string(threads)};
+  // A .fsc is one frame, whatever its number.
+  if (!(c.inputs.size() == 1 && std::filesystem::path(c.inputs[0].path).extension() == ".fsc"))
+    words.insert(words.end(), {"-frames", std::to_string(frame), std::to_string(frame)});
+  words.push_back("-frankenrender");
+  words.insert(words.end(), c.words.begin(), c.words.end());
+  return words;
+}
 
 Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameReport& report) {
   const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
@@ -37,6 +57,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   std::unique_ptr<ShadingSystem> hitShading;
   std::unique_ptr<tracer::InprocOracleService> inproc;
   std::unique_ptr<tracer::ShmOracleService> shm;
+  std::unique_ptr<tracer::PipeOracleService> pipe;
   RayOracleService* oracle = nullptr;
   if (shading.canAskRays()) {
     if (c.inproc) {
@@ -48,6 +69,12 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
       options.scene.threads = threads;
       inproc = std::make_unique<tracer::InprocOracleService>(cache, *hitShading, options);
       oracle = inproc.get();
+    } else if (c.pipe) {
+      auto command = rayServerCommand(c, cache.skeleton().options().frameNumber, threads);
+      if (!command) return std::move(command).error();
+      pipe = std::make_unique<tracer::PipeOracleService>(
+          cache, tracer::PipeOracleService::Options{std::move(command).value()});
+      oracle = pipe.get();
     } else {
       tracer::ShmOracleService::Options options;
       options.threads = threads;
@@ -68,6 +95,10 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
     report.cache = cache.statistics();
     if (rendered.ok()) report.frame = *rendered;
     if (inproc) report.tracer = inproc->statistics();
+    if (pipe) {
+      report.tracer = pipe->statistics();
+      report.tracerProcess = pipe->processId();
+    }
     if (shm) {
       report.tracer = shm->statistics();
       report.tracerProcess = shm->processId();
