@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <random>
@@ -450,6 +451,51 @@ TEST(ShmOracle, AClientThatScribblesOverItsBlocksHarmsOnlyItself) {
   auto b = testing::askInBatches(*here, rays, RayKind::kTrace, 100);
   ASSERT_TRUE(a.ok() && b.ok());
   EXPECT_EQ(*a, *b);
+}
+
+TEST(ShmOracle, HostileQuestionsHarmNobody) {
+  auto cache = zoo();
+  ShadingSystem shading(*cache, {});
+  InprocOracleService inproc(*cache, shading, {});
+  ShmOracleService shm(*cache, options());
+  auto hostile = std::move(shm.connect()).value();
+  std::mt19937 g(21);
+  const float wild[] = {NAN, INFINITY, -INFINITY, 0, 1e38f, -1e38f, 1e-42f, 1, 3e19f};
+  const auto pick = [&] { return wild[g() % std::size(wild)]; };
+  for (int i = 0; i < 3000; ++i) {  // any bytes that are a ray by their kind
+    SingleRayMail m;
+    auto* bytes = reinterpret_cast<unsigned char*>(&m);
+    for (size_t b = 0; b < sizeof m; ++b) bytes[b] = uint8_t(g());
+    if (i & 1)
+      for (int c = 0; c < 3; ++c)
+        m.ray.origin[c] = pick(), m.ray.direction[c] = pick(), m.start.normal[c] = pick();
+    m.ray.kind = uint8_t(g() % 4);
+    m.ray.level = i & 2 ? uint16_t(g()) : uint16_t(1);
+    ASSERT_TRUE(hostile->ask(m).ok());
+  }
+  for (int i = 0; i < 60; ++i) {
+    RayQuery* q = hostile->acquire();
+    ASSERT_TRUE(q);
+    q->kind = RayKind(i % 3 ? g() % 4 : g());
+    q->count = i % 2 ? 1000000u : i % 4 ? 0xffffffffu : uint32_t(g() % 2000);
+    q->level = uint32_t(g()), q->label = uint32_t(g());
+    for (uint32_t k = 0; k < kMaxRays; ++k) {
+      for (int c = 0; c < 3; ++c)
+        q->origin[c][k] = pick(), q->direction[c][k] = pick(), q->normal[c][k] = pick();
+      q->time[k] = pick(), q->radius[k] = pick(), q->spread[k] = pick(), q->u[k] = pick(), q->v[k] = pick();
+      q->node[k] = g() % 2 ? uint32_t(g()) : uint32_t(g() % 8), q->cell[k] = uint32_t(g()), q->seed[k] = g();
+    }
+    ASSERT_TRUE(hostile->submit(q).ok());
+    while (!hostile->answered(q)) ASSERT_TRUE(hostile->wait().ok());
+    hostile->release(q);
+  }
+  auto good = std::move(shm.connect()).value(), here = std::move(inproc.connect()).value();
+  const auto rays = testing::randomRays(*cache, 500, 3);
+  auto a = testing::askInBatches(*good, rays, RayKind::kFullTrace, 100);
+  auto b = testing::askInBatches(*here, rays, RayKind::kFullTrace, 100);
+  ASSERT_TRUE(a.ok() && b.ok());
+  EXPECT_EQ(*a, *b);
+  EXPECT_GT(shm.processId(), 0);
 }
 
 }  // namespace
