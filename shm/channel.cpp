@@ -194,9 +194,7 @@ Result<uint32_t> ClientChannel::call(std::span<const std::byte> request, std::sp
   // SYNC POINT 5, back: pairs with the server's seq_cst store of the next even value.
   auto answered = [&] { return box.state.load(std::memory_order_seq_cst) != posted; };
   auto ready = [&] { return answered() || serverLeft(); };
-  waitAtDoorbell(
-      memory_.control().clientBell, options_.wait, kForever, ready, [&] { return serverAlive(); },
-      &mailSpins_);
+  waitAtDoorbell(memory_.control().clientBell, options_.wait, kForever, ready, [&] { return serverAlive(); });
   const uint32_t state = box.state.load(std::memory_order_seq_cst);
   if (state == posted) return serverGone();
   const uint32_t word = box.size.load(std::memory_order_relaxed);

@@ -96,7 +96,7 @@ class ClientChannel {
   std::vector<BlockBook> books_;
   std::vector<uint32_t> free_;  // last released first: its lines are still in our cache
   uint32_t idlePolls_ = 0;
-  SpinHistory blockSpins_, mailSpins_;
+  SpinHistory blockSpins_;  // mail is always waited for in full: see ChannelServer::run
   uint64_t tail_ = 0;
   uint32_t mailState_ = 0;
   std::optional<Error> error_;

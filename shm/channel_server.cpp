@@ -85,6 +85,9 @@ struct Taken {
   uint32_t behind;
 };
 
+/// Whether what this thread served last was a mail.
+thread_local bool servedMail = false;
+
 /// After an answer: wakes the client if it sleeps, unless there is something better to wait for. A client
 /// that sleeps while it has more in the ring is woken when half of that is answered: then it has as much to
 /// do as we have, and neither waits for the other, and a shared processor changes hands once for many blocks.
@@ -276,6 +279,7 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
         // SYNC POINT 5, back: publishes the answer.
         box.state.store(state + 1, std::memory_order_seq_cst);
         c.clientBell.ring(1);
+        servedMail = true;
         ++served;
       } else if (state != seen) {
         bad = makeError(RiError::kConsistency, "its mailbox is in state {} after {}, size {}", state, seen,
@@ -288,6 +292,7 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
     if (const std::optional<Taken> taken = takeBlock(ch, bad)) {
       const ServedBlock block{
           ch.id, ch.user, taken->index, taken->use, ch.memory.block(taken->index), channel, taken->behind};
+      servedMail = false;
       const Served result = handler_.serveBlock(block);
       if (result != Served::kDeferred)
         complete(block, result == Served::kDone);
@@ -368,7 +373,9 @@ void ChannelServer::run() {
           lookAfterClients(*mine);
           return true;
         },
-        &spins);
+        // Who asks ray by ray comes back at once. Were both sides impatient, each would find the other
+        // asleep.
+        servedMail ? nullptr : &spins);
   }
 }
 
