@@ -11,7 +11,8 @@ endforeach()
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/frankenrender)
 install(EXPORT frankenrender FILE frankenrenderTargets.cmake NAMESPACE frankenrender:: DESTINATION ${package_dir})
 # The C library alone, for find_package(frankenrender COMPONENTS frankenray): it needs nothing else of the package.
-install(EXPORT frankenray FILE frankenrayTargets.cmake NAMESPACE frankenrender:: DESTINATION ${package_dir})
+install(EXPORT frankenray FILE frankenrayTargets.cmake NAMESPACE frankenrender:: DESTINATION ${package_dir}
+        COMPONENT frankenray)
 configure_package_config_file(cmake/frankenrenderConfig.cmake.in
                               ${PROJECT_BINARY_DIR}/frankenrenderConfig.cmake INSTALL_DESTINATION ${package_dir})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/frankenrenderConfigVersion.cmake
@@ -19,5 +20,5 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/frankenrenderConfigVersio
 file(GLOB find_modules ${PROJECT_SOURCE_DIR}/cmake/Find*.cmake)
 install(FILES ${PROJECT_BINARY_DIR}/frankenrenderConfig.cmake
               ${PROJECT_BINARY_DIR}/frankenrenderConfigVersion.cmake ${find_modules}
-        DESTINATION ${package_dir})
+        DESTINATION ${package_dir} COMPONENT frankenray)
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md DESTINATION ${CMAKE_INSTALL_DOCDIR})

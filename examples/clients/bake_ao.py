@@ -239,7 +239,8 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         scene = os.path.join(folder, "scene.rib")
         with open(scene, "w", encoding="utf-8") as out:
-            out.write("WorldBegin\n")
+            # The server divides surfaces as finely as this camera would need them.
+            out.write('Format 256 256 1\nProjection "perspective" "fov" [40]\nTranslate 0 0 %g\nWorldBegin\n' % (3 * size))
             write_ground(out, low[1], size)
             write_mesh(out, faces, indices, P, N)
             out.write("WorldEnd\n")

@@ -62,7 +62,9 @@ TEST_P(Shadeops, AnswersAreThoseOfTheScene) {
   std::vector<double> hit = numbers(lines[5]);
   ASSERT_EQ(hit.size(), 25u - 0u - 0u) << lines[5];
   EXPECT_NEAR(hit[0], 5, 1e-5);
-  EXPECT_NEAR(hit[7], -0.5, 1e-5), EXPECT_NEAR(hit[8], 0.25, 1e-5), EXPECT_NEAR(hit[9], 12, 1e-4);
+  EXPECT_NEAR(hit[7], -0.5, 1e-5);
+  EXPECT_NEAR(hit[8], 0.25, 1e-5);
+  EXPECT_NEAR(hit[9], 12, 1e-4);
   EXPECT_NEAR(std::abs(hit[12]), 1, 1e-5);
   std::vector<double> miss = numbers(lines[6]);
   EXPECT_FLOAT_EQ(float(miss[0]), 1e38f);
@@ -81,7 +83,9 @@ TEST_P(Shadeops, FullTraceTellsWhereRaysLeft) {
   std::vector<double> hit = numbers(lines[0]), miss = numbers(lines[1]);
   ASSERT_EQ(hit.size(), 35u) << lines[0];
   EXPECT_EQ(hit[0], 0);
-  EXPECT_NEAR(hit[7], 1, 1e-5), EXPECT_NEAR(hit[8], 0.5, 1e-5), EXPECT_NEAR(hit[9], 0.25, 1e-5);
+  EXPECT_NEAR(hit[7], 1, 1e-5);
+  EXPECT_NEAR(hit[8], 0.5, 1e-5);
+  EXPECT_NEAR(hit[9], 0.25, 1e-5);
   EXPECT_NEAR(hit[10], 5, 1e-5);
   EXPECT_NEAR(hit[13], 12, 1e-4);
   for (size_t i = 17; i < 23; ++i) EXPECT_EQ(hit[i], 9);
@@ -89,8 +93,12 @@ TEST_P(Shadeops, FullTraceTellsWhereRaysLeft) {
   EXPECT_FLOAT_EQ(float(miss[10]), 1e30f);
   for (size_t i = 7; i < 10; ++i) EXPECT_EQ(miss[i], 0);
   for (size_t i = 11; i < 17; ++i) EXPECT_EQ(miss[i], 9);
-  EXPECT_NEAR(miss[17], 0, 1e-5), EXPECT_NEAR(miss[18], 0, 1e-5), EXPECT_NEAR(miss[19], 7, 1e-4);
-  EXPECT_NEAR(miss[20], -1, 1e-5), EXPECT_NEAR(miss[21], 2, 1e-5), EXPECT_NEAR(miss[22], 0, 1e-5);
+  EXPECT_NEAR(miss[17], 0, 1e-5);
+  EXPECT_NEAR(miss[18], 0, 1e-5);
+  EXPECT_NEAR(miss[19], 7, 1e-4);
+  EXPECT_NEAR(miss[20], -1, 1e-5);
+  EXPECT_NEAR(miss[21], 2, 1e-5);
+  EXPECT_NEAR(miss[22], 0, 1e-5);
 }
 
 TEST_P(Shadeops, EveryMixOfGeometricTypes) {
@@ -244,8 +252,8 @@ TEST_P(Shadeops, WithoutAServerNothingIsHit) {
     EXPECT_EQ(full[19], -3);
     EXPECT_EQ(full[22], 2);
     EXPECT_EQ(lines[4].substr(0, 5), "0 0 0");
-    EXPECT_NE(o.err.find("no ray server"), std::string::npos);
-    EXPECT_EQ(o.err.find("no ray server"), o.err.rfind("no ray server")) << "said once: " << o.err;
+    EXPECT_NE(o.err.find("rayserver: no ray server"), std::string::npos);
+    EXPECT_EQ(o.err.find("rayserver: no ray server"), o.err.rfind("rayserver: no ray server")) << "said once: " << o.err;
   };
   const Outcome unset = host(calls);
   expectMisses(unset);
@@ -286,7 +294,7 @@ TEST_P(Shadeops, PipeAnswersAreTheSame) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Hosts, Shadeops, testing::Values("aqsis", "pixie"),
-                         [](const auto& info) { return std::string(info.param); });
+                         [](const auto& p) { return std::string(p.param); });
 
 }  // namespace
 }  // namespace fr::test
