@@ -3,7 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <regex>
+#include <fstream>
+#include <set>
 
 #include "frankenray/testing/small_scene.h"
 
@@ -186,6 +187,31 @@ TEST_P(Shadeops, StartsAheadByTheBias) {
   EXPECT_EQ(lines[2].substr(0, 5), "1 1 1");
 }
 
+TEST_P(Shadeops, TimesAreJitteredWhenAsked) {
+  // A wall that goes from z = 2 to z = 3 while the shutter is open: the distance tells the time.
+  std::ofstream(scene_.folder() / "time.rib")
+      << "Shutter 0 1\nProjection \"perspective\"\nTranslate 0 0 100\nWorldBegin\n"
+         "MotionBegin [0 1]\nTranslate 0 0 0\nTranslate 0 0 1\nMotionEnd\n"
+         "Polygon \"P\" [-1 -1 2  -1 1 2  1 1 2  1 -1 2]\nWorldEnd\n";
+  const std::string command = rendrib() + " -rayserver " + (scene_.folder() / "time.rib").string();
+  std::string calls;
+  for (int i = 0; i < 8; ++i)
+    calls += "float rayserver_rayhittest point=0,0." + std::to_string(i) + ",-3 vector=0,0,2 point vector" +
+             kFrame + "\n";
+  const Outcome still = served(calls, 1, {{"RAYSERVER", command}, {"RAYSERVER_JITTER_TIMES", "0"}});
+  for (const std::string& line : still.lines()) EXPECT_NEAR(numbers(line)[0], 5, 1e-5) << line;
+  const std::map<std::string, std::string> asked{{"RAYSERVER", command}, {"RAYSERVER_JITTER_TIMES", "1"}};
+  const Outcome jittered = served(calls, 1, asked);
+  std::set<double> times;
+  for (const std::string& line : jittered.lines()) {
+    times.insert(numbers(line)[0]);
+    EXPECT_GE(numbers(line)[0], 5);
+    EXPECT_LT(numbers(line)[0], 6);
+  }
+  EXPECT_EQ(times.size(), 8u) << jittered.out << jittered.err;
+  EXPECT_EQ(served(calls, 1, asked).out, jittered.out) << "a ray has one time, whoever asks and when";
+}
+
 TEST_P(Shadeops, OneServerForManyThreadsAndInits) {
   const int threads = std::string(GetParam()) == "pixie" ? 8 : 1;
   const Outcome o = served(
@@ -253,7 +279,8 @@ TEST_P(Shadeops, WithoutAServerNothingIsHit) {
     EXPECT_EQ(full[22], 2);
     EXPECT_EQ(lines[4].substr(0, 5), "0 0 0");
     EXPECT_NE(o.err.find("rayserver: no ray server"), std::string::npos);
-    EXPECT_EQ(o.err.find("rayserver: no ray server"), o.err.rfind("rayserver: no ray server")) << "said once: " << o.err;
+    EXPECT_EQ(o.err.find("rayserver: no ray server"), o.err.rfind("rayserver: no ray server"))
+        << "said once: " << o.err;
   };
   const Outcome unset = host(calls);
   expectMisses(unset);
