@@ -14,7 +14,7 @@ JOBS=${JOBS:-$(nproc)}
 PACKAGES="g++ cmake ninja-build pkg-config libembree-dev libopenimageio-dev libopenexr-dev libosd-dev libtbb-dev
 libglm-dev libboost-dev libboost-wave-dev zlib1g-dev libzstd-dev libfmt-dev libspdlog-dev libcli11-dev
 nlohmann-json3-dev libfast-float-dev libxxhash-dev libsleef-dev libgtest-dev libgmock-dev libbenchmark-dev
-librapidcheck-dev spin"
+librapidcheck-dev spin python3 binutils"
 
 install_packages() {
   missing=
