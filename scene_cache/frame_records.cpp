@@ -93,6 +93,7 @@ ri::Options overridden(ri::Options o, const FrameOverrides& with, const FrameDef
     o.pixelSamplesGiven = true;
   }
   for (const std::string& folder : with.shaderFolders) o.searchPaths["shader"].push_back(folder);
+  for (const std::string& folder : with.textureFolders) o.searchPaths["texture"].push_back(folder);
   if (with.resolution) {
     // A new resolution with the RIB's shape of the frame would shrink the image the user asked for.
     o.resolution = with.resolution;
@@ -104,7 +105,9 @@ ri::Options overridden(ri::Options o, const FrameOverrides& with, const FrameDef
     o.pixelSamplesGiven = true;
   }
   if (!with.displays.empty()) {
-    o.displays.clear();
+    std::erase_if(o.displays, [](const ri::DisplayRequest& d) {
+      return d.type != "zfile" && d.type != "shadow" && d.type != "deepshad" && d.type != "z";
+    });
     for (const DisplayOverride& d : with.displays) o.displays.push_back({d.name, d.type, d.mode, {}});
   }
   return o;

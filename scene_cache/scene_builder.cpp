@@ -235,8 +235,20 @@ void SceneBuilder::onSolidBegin(const std::string& operation) {
     notImplemented("SolidBegin \"" + operation + "\"", "its parts are rendered as they are", location());
 }
 
-void SceneBuilder::onMakeTexture(ri::MakeKind, const ri::MakeTextureArgs& args) {
-  notImplemented("Make...", fmt::format("\"{}\" is not written", args.texture), location());
+void SceneBuilder::onMakeTexture(ri::MakeKind kind, const ri::MakeTextureArgs& args) {
+  // The image's stream has executed what stands in common files.
+  if (stopped_ || failure_ || (source_ && (sides_ & kForReyes))) return;
+  // What belongs to a frame that is read over has no pictures.
+  if (options_.frames && state().inside(ri::BlockKind::kFrame) &&
+      (state().frame() < options_.frames->first || state().frame() > options_.frames->second))
+    return;
+  if (!options_.makeTexture)
+    return notImplemented("Make... in this program", fmt::format("\"{}\" is not written", args.texture),
+                          location());
+  std::vector<std::string> folders = searchPath("texture");
+  folders.insert(folders.end(), options_.overrides.textureFolders.begin(),
+                 options_.overrides.textureFolders.end());
+  options_.makeTexture(kind, args, folders, location());
 }
 
 void SceneBuilder::scopedCoordinateSystem(std::string name) {

@@ -2,8 +2,10 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
+#include <filesystem>
 
 #include "ri/search_path.h"
 #include "scene_cache/rib_stream.h"
@@ -39,8 +41,19 @@ std::string readAll(int fd) {
 
 }  // namespace
 
-Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& options,
+Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& given,
                        const FrameCallback& onFrame) {
+  LoadOptions options = given;
+  for (const RibInput& in : inputs) {
+    if (in.path == "-") continue;
+    // Absolute: the ray tracer's process and a .fsc may live elsewhere.
+    std::error_code failed;
+    const std::string folder =
+        std::filesystem::absolute(in.path, failed).parent_path().lexically_normal().string();
+    auto& folders = options.overrides.textureFolders;
+    if (!failed && std::find(folders.begin(), folders.end(), folder) == folders.end())
+      folders.push_back(folder);
+  }
   const ri::StateRenderer::PathLists paths = environmentPaths();
   bool tracerFiles = false, standardInput = false;
   for (const RibInput& in : inputs) {

@@ -12,6 +12,11 @@
 #include "base/error.h"
 #include "scene_cache/format.h"
 
+namespace fr::ri {
+enum class MakeKind : uint8_t;
+struct MakeTextureArgs;
+}  // namespace fr::ri
+
 namespace fr::cache {
 
 /// One RIB file; "-" is standard input.
@@ -32,9 +37,13 @@ struct FrameOverrides {
   std::optional<std::array<double, 4>> crop;  ///< xmin xmax ymin ymax in [0,1]
   std::optional<std::array<double, 2>> pixelSamples;
   std::optional<float> shadingRate;
-  std::vector<DisplayOverride> displays;  ///< not empty: replace all Display requests
+  /// Not empty: replace all Display requests but those for depth files, which later frames may need as shadow
+  /// maps.
+  std::vector<DisplayOverride> displays;
   /// Searched for shaders after all others. A .fsc remembers the folders of its RIB files in this way.
   std::vector<std::string> shaderFolders;
+  /// Searched for textures after all others. loadScene() adds the folders of the RIB files.
+  std::vector<std::string> textureFolders;
 };
 
 /// What holds where the RIB says nothing.
@@ -49,6 +58,12 @@ struct LoadOptions {
   /// Frame numbers (FrameBegin) to build, inclusive; others are read over. A world outside any frame has
   /// number 1, 2, ... in order of appearance.
   std::optional<std::pair<int, int>> frames;
+  /// Executes MakeTexture, MakeShadow and their kin when they are met: worlds before them have been handed
+  /// over, those after them not yet. `folders`: where their pictures are searched. Not set: nothing is made,
+  /// with one warning.
+  std::function<void(ri::MakeKind, const ri::MakeTextureArgs&, const std::vector<std::string>& folders,
+                     const SourceLocation& where)>
+      makeTexture;
   /// Compute the skeletons' checksums (for files; not needed between processes).
   bool checksum = false;
 };

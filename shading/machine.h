@@ -11,7 +11,11 @@
 #include "oracle/ray_query.h"
 #include "shading/frame.h"
 
+struct FrTextureCall;
+
 namespace fr {
+
+struct Texture;
 
 /// Neighbours for derivatives: Du(x) at lane i is (x[uHi[i]] - x[uLo[i]]) * uScale[i]; the change over one
 /// cell is that times uCell[i]. One table serves grids, meshlets and hits.
@@ -156,7 +160,18 @@ class Machine {
   void randomOp(Frame& f, const Step& s);
   void splineOp(Frame& f, const Step& s);
   void arrayOp(Frame& f, const Step& s);
+  // machine_texture.cpp
   void textureOp(Frame& f, const Step& s);
+  void textureOptions(Frame& f, const Step& s, uint32_t fixed, FrTextureCall& call);
+  void cellChanges(const Frame& f, const Operand& x, uint32_t component, float* du, float* dv) const;
+  void cornersToPlace(const Frame& f, const Operand* corner, bool triples, uint32_t lanes);
+  void storeResult(const Frame& f, const Operand& out, uint32_t component, const float* values);
+  void shadowMaps(Frame& f, const Step& s, const TextureLibrary& library, const Texture& list,
+                  FrTextureCall& call);
+  void bumpNormals(Frame& f, const Step& s, const float* bySide, const float* byHeight);
+  void textureInfo(Frame& f, const Step& s, const TextureLibrary& library);
+  void neutralTexture(Frame& f, const Step& s);
+  // machine_text.cpp
   void formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out);
   bool writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v);
   bool copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& from, std::string_view name);
@@ -184,7 +199,7 @@ class Machine {
   uint32_t lightCount_ = 0;
   std::vector<Frame*> stack_;
   std::unique_ptr<PendingRays> rays_;
-  AlignedFloats scratch_, footprints_;
+  AlignedFloats scratch_, footprints_, texture_;
   bool footprintsKnown_ = false;
   std::deque<std::string> texts_;
   AlignedFloats accumulator_;  // of ray operations with several samples: color, weight

@@ -44,8 +44,12 @@ class FixtureHost final : public ShaderHost {
   float sceneDiameter() const override { return 100; }
   void print(std::string_view text) const override { printed += text; }
   int textureCallUnavailable(std::string_view) const override { return 0; }
+  const TextureLibrary* textures() const override { return library; }
+  Vec2 shadowBias() const override { return bias; }
   std::map<std::string, DMat4> spaces = {{"world", DMat4(1.0)}, {"camera", DMat4(1.0)}};
   mutable std::string printed;
+  const TextureLibrary* library = nullptr;
+  Vec2 bias{0, -1};
 };
 
 /// One batch: a flat grid in z = 1, x = u, y = v, or any columns that a test sets.

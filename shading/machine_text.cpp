@@ -1,4 +1,4 @@
-// Strings, message passing, and calls for files that are not available.
+// Strings and message passing.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -258,34 +258,6 @@ void Machine::message(Frame& f, const Step& s) {
       break;
   }
   setFloat(f, a[0], found ? 1.0f : 0.0f);
-}
-
-/// Without a texture system every file-based call gives a neutral value, and says so once.
-void Machine::textureOp(Frame& f, const Step& s) {
-  const ShaderProgram& p = f.exe().program();
-  host_.textureCallUnavailable(opInfo(s.op).name);
-  float value = 0.0f;
-  switch (s.op) {
-    case Op::texture_f:
-    case Op::texture_t:
-    case Op::texture4_f:
-    case Op::texture4_t:
-      value = 1.0f;
-      break;
-    default:
-      break;  // environment: black. shadow: lit
-  }
-  if (s.argCount == 0 || !isWritten(f, s, 0)) return;
-  const uint32_t symbol = symbolOf(f, s, 0);
-  const Operand& out = f.args(s)[0];
-  if (s.op == Op::bump) {
-    const Operand& N = f.args(s)[2];
-    for (uint32_t c = 0; c < 3; ++c)
-      for (uint32_t i = 0; i < (out.varying() ? f.lanes() : kLanePad); ++i) out.comp(c)[i] = N.at(i, c);
-    return;
-  }
-  for (uint32_t c = 0; c < slTypeFloats(p.symbols[symbol].type); ++c)
-    setFloat(f, Operand{out.comp(c), out.component, out.indexMask}, s.op == Op::textureinfo ? 0.0f : value);
 }
 
 }  // namespace fr

@@ -2,15 +2,48 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "base/error.h"
 #include "base/log.h"
+#include "ri/search_path.h"
 
 namespace fr {
 
 using cache::ParamType;
 
-SceneHost::SceneHost(const cache::Skeleton& skeleton) : skeleton_(skeleton) {
+namespace {
+
+constexpr size_t kTexturePath = 1;  // of Skeleton::searchPaths()
+
+float numberOption(const cache::Skeleton& s, std::string_view name, float otherwise) {
+  const cache::ParamRecord* p = s.find(s.options().options, name);
+  if (!p) return otherwise;
+  if (const auto f = s.floats(*p); !f.empty()) return f[0];
+  if (const auto i = s.integers(*p); !i.empty()) return float(i[0]);
+  return otherwise;
+}
+
+TextureLibrary::Options textureOptions(const cache::Skeleton& s) {
+  TextureLibrary::Options o;
+  const auto add = [&](std::string_view list) {
+    for (std::string& folder : ri::parseSearchPath(list, {}, {})) o.folders.push_back(std::move(folder));
+  };
+  if (s.searchPaths().size() > kTexturePath) add(s.string(s.searchPaths()[kTexturePath]));
+  if (const char* standard = std::getenv("TEXTURES")) add(standard);
+  const float kilobytes = numberOption(s, "limits:texturememory", float(o.memoryKilobytes));
+  o.memoryKilobytes = uint32_t(std::clamp(kilobytes, 1.0f, 1e9f));
+  return o;
+}
+
+}  // namespace
+
+SceneHost::SceneHost(const cache::Skeleton& skeleton) : skeleton_(skeleton), textures_(textureOptions(skeleton)) {
+  // One of the two stands for both.
+  const float bias = numberOption(skeleton_, "shadow:bias", -1.0f);
+  shadowBias_ = {numberOption(skeleton_, "shadow:bias0", bias), numberOption(skeleton_, "shadow:bias1", bias)};
+  if (shadowBias_.x < 0) shadowBias_.x = std::max(0.0f, shadowBias_.y);
+  if (shadowBias_.y < 0 && numberOption(skeleton_, "shadow:bias0", -1.0f) >= 0) shadowBias_.y = shadowBias_.x;
   const cache::CameraRecord& c = skeleton_.camera();
   shutterOpen_ = c.shutter[0];
   perspective_ = c.projection == cache::ProjectionType::kPerspective;
@@ -121,10 +154,7 @@ ShaderValue SceneHost::value(const cache::ParamRecord& p, const DMat4* toCurrent
 }
 
 float SceneHost::optionFloat(std::string_view name, float fallback) const {
-  const cache::ParamRecord* p = skeleton_.find(skeleton_.options().options, name);
-  if (!p) return fallback;
-  const ShaderValue v = value(*p, nullptr);
-  return v.floats.empty() ? fallback : v.floats[0];
+  return numberOption(skeleton_, name, fallback);
 }
 
 bool SceneHost::spaceToCurrent(std::string_view name, DMat4& m) const {
@@ -254,11 +284,11 @@ void SceneHost::print(std::string_view text) const {
 }
 
 int SceneHost::textureCallUnavailable(std::string_view what) const {
-  reportOnce("shading.texture",
+  reportOnce("shading.texture." + std::string(what),
              Error{RiError::kUnimplemented,
                    Severity::kWarning,
                    {},
-                   fmt::format("{}: texture files are not available yet; a neutral value is used", what)});
+                   fmt::format("{} is not available; a neutral value is used", what)});
   return 0;
 }
 

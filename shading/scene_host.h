@@ -4,10 +4,11 @@
 
 #include "scene_cache/cache.h"
 #include "shading/shader_instance.h"
+#include "shading/texture_library.h"
 
 namespace fr {
 
-/// "current" space is camera space at shutter open. Immutable: all matrices are concatenated in double, once.
+/// "current" space is camera space at shutter open. All matrices are concatenated in double, once.
 class SceneHost final : public ShaderHost {
  public:
   explicit SceneHost(const cache::Skeleton& skeleton);
@@ -28,6 +29,8 @@ class SceneHost final : public ShaderHost {
   Vec2 clipping() const override;
   float sceneDiameter() const override { return sceneDiameter_; }
   void print(std::string_view text) const override;
+  const TextureLibrary* textures() const override { return &textures_; }
+  Vec2 shadowBias() const override { return shadowBias_; }
   int textureCallUnavailable(std::string_view what) const override;
 
  private:
@@ -36,6 +39,8 @@ class SceneHost final : public ShaderHost {
   bool perspective_;
   DMat4 worldToCurrent_, cacheToCurrent_, currentToCache_, currentToScreen_, currentToNdc_, currentToRaster_;
   float sceneDiameter_ = 1;
+  Vec2 shadowBias_{0, -1};
+  TextureLibrary textures_;
 };
 
 }  // namespace fr

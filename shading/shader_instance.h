@@ -11,6 +11,8 @@
 
 namespace fr {
 
+class TextureLibrary;
+
 /// A value that a parameter, option, attribute or message has. Triples and matrices as 3 and 16 floats.
 struct ShaderValue {
   SlType type = SlType::kFloat;
@@ -38,6 +40,11 @@ class ShaderHost {
   virtual float sceneDiameter() const = 0;
   /// printf() of a shader.
   virtual void print(std::string_view text) const = 0;
+  /// Files for texture() and its kin; nullptr: there are none, every call gives a neutral value.
+  virtual const TextureLibrary* textures() const { return nullptr; }
+  /// Option "shadow" "bias0", "bias1"; the second is negative when neither was given.
+  virtual Vec2 shadowBias() const { return {0, -1}; }
+  /// Says once that a call for a file has no effect.
   virtual int textureCallUnavailable(std::string_view what) const = 0;
 };
 

@@ -19,6 +19,7 @@
 #include "tools/frankenrender/frame_report.h"
 #include "tools/frankenrender/progress_bar.h"
 #include "tools/shader_folders.h"
+#include "tools/texture_requests.h"
 #include "tracer/inproc_oracle.h"
 #include "tracer/pipe_oracle.h"
 #include "tracer/shm_oracle.h"
@@ -151,7 +152,9 @@ int runJob(const CommandLine& c) {
       report(makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path));
       return 2;
     }
-    const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
+    cache::LoadOptions load = c.load;
+    load.makeTexture = makeRequestedTexture;
+    const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
       return !abortRequested();
     });
