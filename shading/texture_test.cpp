@@ -243,7 +243,8 @@ TEST_F(TextureTest, EveryFootprintIsFinite) {
     FrTextureCall call{};
     call.lanes = 1, call.channelCount = 1, call.sWidth = call.tWidth = 1;
     for (int c = 0; c < 2; ++c)
-      call.place[c] = {place + c, 0}, call.placeDx[c] = {change + c, 0}, call.placeDy[c] = {change + 2 + c, 0};
+      call.place[c] = {place + c, 0}, call.placeDx[c] = {change + c, 0},
+      call.placeDy[c] = {change + 2 + c, 0};
     call.sBlur = {blur, 0}, call.tBlur = {blur + 1, 0};
     call.result = &result, call.resultStride = 1;
     library->call(texture, [&](const FrTextureModule& m, char* message, size_t size) {

@@ -25,11 +25,6 @@ Vec cross(const Vec& a, const Vec& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-/// A place on the map and its changes.
-struct Footprint {
-  float s = 0, t = 0, dsdx = 0, dtdx = 0, dsdy = 0, dtdy = 0;
-};
-
 /// Looks one footprint up and adds its texel, times `weight`.
 struct Accumulator {
   FrTextureFile& file;
@@ -40,11 +35,11 @@ struct Accumulator {
   uint64_t count = 0;
   bool failed = false;
 
-  void add(const Footprint& f, float weight) {
+  void add(Footprint f, float weight) {
     float texel[4] = {};
-    failed |= !file.textures->system->texture(
-        file.texture, thread, options, bounded(f.s, 1e4f), bounded(f.t, 1e4f), boundedChange(f.dsdx),
-        boundedChange(f.dtdx), boundedChange(f.dsdy), boundedChange(f.dtdy), channels.asked, texel);
+    condition(f);
+    failed |= !file.textures->system->texture(file.texture, thread, options, f.s, f.t, f.dsdx, f.dtdx, f.dsdy,
+                                              f.dtdy, channels.asked, texel);
     ++count;
     for (int c = 0; c < channels.asked; ++c) sum[c] += weight * texel[c];
   }

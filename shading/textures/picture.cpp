@@ -16,26 +16,27 @@ constexpr int kMostChannels = 64;
 
 struct FilterName {
   const char *ri, *oiio;
+  float least;  // full support below which it is no such filter: negative lobes need their room
 };
-constexpr std::array<FilterName, 15> kFilters = {{{"", "box"},
-                                                  {"box", "box"},
-                                                  {"triangle", "triangle"},
-                                                  {"bilinear", "triangle"},
-                                                  {"gaussian", "gaussian"},
-                                                  {"catmull-rom", "catmull-rom"},
-                                                  {"separable-catmull-rom", "catmull-rom"},
-                                                  {"sinc", "sinc"},
-                                                  {"bessel", "sinc"},
-                                                  {"mitchell", "mitchell"},
-                                                  {"lanczos", "lanczos3"},
-                                                  {"blackman-harris", "blackman-harris"},
-                                                  {"bspline", "b-spline"},
-                                                  {"radial-bspline", "b-spline"},
-                                                  {"disk", "box"}}};
+constexpr std::array<FilterName, 15> kFilters = {{{"", "box", 0},
+                                                  {"box", "box", 0},
+                                                  {"triangle", "triangle", 0},
+                                                  {"bilinear", "triangle", 0},
+                                                  {"gaussian", "gaussian", 0},
+                                                  {"catmull-rom", "catmull-rom", 4},
+                                                  {"separable-catmull-rom", "catmull-rom", 4},
+                                                  {"sinc", "sinc", 4},
+                                                  {"bessel", "sinc", 4},
+                                                  {"mitchell", "mitchell", 4},
+                                                  {"lanczos", "lanczos3", 6},
+                                                  {"blackman-harris", "blackman-harris", 3},
+                                                  {"bspline", "b-spline", 4},
+                                                  {"radial-bspline", "b-spline", 4},
+                                                  {"disk", "box", 0}}};
 
-const char* oiioFilter(const std::string& name) {
+const FilterName* filterNamed(const std::string& name) {
   for (const FilterName& f : kFilters)
-    if (name == f.ri) return f.oiio;
+    if (name == f.ri) return &f;
   return nullptr;
 }
 
@@ -51,11 +52,12 @@ struct Weights {
 };
 
 Weights lineWeights(int from, int to, const std::string& name, float width, Wrap wrap) {
-  const char* const known = oiioFilter(name);
+  const FilterName* const known = filterNamed(name);
+  const char* const type = known ? known->oiio : "box";
   width = std::isfinite(width) ? std::clamp(width, 0.01f, 64.0f) : 1.0f;
-  const std::unique_ptr<OIIO::Filter1D, DestroyFilter> filter(
-      OIIO::Filter1D::create(known ? known : "box", width));
-  const bool box = !filter || std::strcmp(known ? known : "box", "box") == 0;
+  if (known) width = std::max(width, known->least);
+  const std::unique_ptr<OIIO::Filter1D, DestroyFilter> filter(OIIO::Filter1D::create(type, width));
+  const bool box = !filter || std::strcmp(type, "box") == 0;
   Weights w;
   const double scale = double(from) / double(to), unit = std::max(scale, 1.0), reach = 0.5 * width * unit;
   for (int i = 0; i < to; ++i) {
@@ -104,6 +106,12 @@ bool takeMatrix(const OIIO::ImageSpec& spec, const char* name, float out[16]) {
 
 }  // namespace
 
+bool takeCamera(const OIIO::ImageSpec& spec, float toCamera[16], float toScreen[16]) {
+  // OpenEXR has a name of its own for the second one; the letters' case does not count.
+  return takeMatrix(spec, "worldtocamera", toCamera) &&
+         (takeMatrix(spec, "worldtoscreen", toScreen) || takeMatrix(spec, "worldtondc", toScreen));
+}
+
 bool wrapNamed(const std::string& name, Wrap* wrap) {
   if (name.empty() || name == "black")
     *wrap = Wrap::kBlack;
@@ -119,7 +127,7 @@ const char* wrapName(Wrap wrap) {
   return wrap == Wrap::kPeriodic ? "periodic" : wrap == Wrap::kClamp ? "clamp" : "black";
 }
 
-bool filterKnown(const std::string& name) { return oiioFilter(name) != nullptr; }
+bool filterKnown(const std::string& name) { return filterNamed(name) != nullptr; }
 
 std::string readPicture(const std::string& path, float outside, Picture* out) {
   const auto in = OIIO::ImageInput::open(path);
@@ -141,8 +149,7 @@ std::string readPicture(const std::string& path, float outside, Picture* out) {
   p.width = spec.full_width, p.height = spec.full_height;
   p.type = spec.format;
   p.channelNames = spec.channelnames;
-  p.hasCamera = takeMatrix(spec, "worldtocamera", p.worldToCamera) &&
-                takeMatrix(spec, "worldtoscreen", p.worldToScreen);
+  p.hasCamera = takeCamera(spec, p.worldToCamera, p.worldToScreen);
   std::vector<float> data(size_t(pixels) * size_t(p.channels));
   if (!in->read_image(0, 0, 0, p.channels, OIIO::TypeDesc::FLOAT, data.data()))
     return path + ": " + in->geterror();

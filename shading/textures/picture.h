@@ -24,6 +24,10 @@ struct Picture {
   }
 };
 
+/// World to camera and world to screen ([-1, 1]), row vectors, as renderers leave them in their images.
+/// False: not there.
+bool takeCamera(const OIIO::ImageSpec& spec, float toCamera[16], float toScreen[16]);
+
 enum class Wrap { kBlack, kClamp, kPeriodic };
 /// RISpec's names; "" is black. False: unknown.
 bool wrapNamed(const std::string& name, Wrap* wrap);

@@ -5,7 +5,8 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <cstring>
+
+#include "shading/textures/picture.h"
 
 namespace fr::textures {
 namespace {
@@ -14,15 +15,6 @@ namespace {
 constexpr int64_t kMostUntiledTexels = int64_t(1) << 28;
 constexpr int kMostTexels = 1 << 20;  // per side
 constexpr int kMostChannels = 1024;
-
-bool takeMatrix(const OIIO::ImageSpec& spec, const char* name, float out[16]) {
-  const OIIO::ParamValue* p = spec.find_attribute(name);
-  if (!p || p->type().basetype != OIIO::TypeDesc::FLOAT ||
-      p->type().numelements() * p->type().aggregate != 16)
-    return false;
-  std::memcpy(out, p->data(), 16 * sizeof(float));
-  return std::all_of(out, out + 16, [](float x) { return std::isfinite(x); });
-}
 
 bool differs(const FrTextureFile& f) {
   struct stat s {};
@@ -62,8 +54,7 @@ std::string describe(FrTextureFile& f) {
   info.bits = int(native.format.basesize() * 8);
   info.kind = kindOf(native.get_string_attribute("textureformat"));
   info.yIsUp = native.get_string_attribute("oiio:updirection") == "y";
-  info.hasCamera = takeMatrix(native, "worldtocamera", info.worldToCamera) &&
-                   takeMatrix(native, "worldtoscreen", info.worldToScreen);
+  info.hasCamera = takeCamera(native, info.worldToCamera, info.worldToScreen);
   info.faceScale = 1;
   if (info.kind == FR_TEXTURE_CUBE) {
     if (info.width % 3 != 0 || info.height % 2 != 0 || info.width / 3 != info.height / 2)

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <initializer_list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -64,9 +65,32 @@ inline float at(const FrLanes& l, uint32_t lane) { return l.data ? l.data[lane &
 inline float bounded(float x, float limit) {
   return x >= -limit ? (x <= limit ? x : limit) : x < 0 ? -limit : 0.0f;
 }
-/// Filter widths that are no numbers are 0; more than the whole map is the whole map many times over. Beyond these bounds
-/// OpenImageIO's ellipses lose their axes.
-inline float boundedChange(float x) { return std::fabs(x) < 1e-10f ? 0.0f : bounded(x, 64.0f); }
+/// A place on a map and its changes to the neighbours: the filter.
+struct Footprint {
+  float s = 0, t = 0, dsdx = 0, dtdx = 0, dsdy = 0, dtdy = 0;
+};
+/// Filter widths that are no numbers are 0; more than the whole map is the whole map many times over.
+inline float boundedChange(float x) { return bounded(x, 64.0f); }
+/// The same filter, of sizes and shapes for which OpenImageIO's ellipses have two axes: where the two changes
+/// are nearly parallel the shorter one is turned away a little, below what anisotropic filtering can resolve.
+inline void condition(Footprint& f) {
+  f.s = bounded(f.s, 1e4f), f.t = bounded(f.t, 1e4f);  // beyond any sense: texel numbers would overflow
+  for (float* x : {&f.dsdx, &f.dtdx, &f.dsdy, &f.dtdy}) *x = boundedChange(*x);
+  const float x2 = f.dsdx * f.dsdx + f.dtdx * f.dtdx, y2 = f.dsdy * f.dsdy + f.dtdy * f.dtdy;
+  const float longest2 = x2 > y2 ? x2 : y2;
+  if (!(longest2 > 1e-14f)) {
+    f.dsdx = f.dtdx = f.dsdy = f.dtdy = 0;
+    return;
+  }
+  constexpr float kThinnest = 0.01f;
+  const float area = f.dsdx * f.dtdy - f.dtdx * f.dsdy;
+  if (std::fabs(area) >= kThinnest * longest2) return;
+  const float add = area < 0 ? -kThinnest : kThinnest;
+  if (x2 >= y2)
+    f.dsdy -= add * f.dtdx, f.dtdy += add * f.dsdx;
+  else
+    f.dsdx += add * f.dtdy, f.dtdx -= add * f.dsdy;
+}
 
 /// The parts of OpenImageIO's options that a whole call shares.
 OIIO::TextureOpt optionsOf(const FrTextureFile& file, const FrTextureCall& call);

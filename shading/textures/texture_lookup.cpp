@@ -38,14 +38,16 @@ std::string lookUpTexture(FrTextureFile& file, const FrTextureCall& call) {
     float texel[4] = {}, bySide[4] = {}, byHeight[4] = {};
     options.sblur = std::max(0.0f, boundedChange(at(call.sBlur, i)));
     options.tblur = std::max(0.0f, boundedChange(at(call.tBlur, i)));
-    // Coordinates beyond any sense would overflow texel numbers.
-    const float s = bounded(at(call.place[0], i), 1e4f), t = bounded(at(call.place[1], i), 1e4f);
-    const bool ok = system.texture(file.texture, thread, options, s, t,
-                                   boundedChange(sWidth * at(call.placeDx[0], i)),
-                                   boundedChange(tWidth * at(call.placeDx[1], i)),
-                                   boundedChange(sWidth * at(call.placeDy[0], i)),
-                                   boundedChange(tWidth * at(call.placeDy[1], i)), channels.asked, texel,
-                                   sloped ? bySide : nullptr, sloped ? byHeight : nullptr);
+    Footprint f{at(call.place[0], i),
+                at(call.place[1], i),
+                sWidth * at(call.placeDx[0], i),
+                tWidth * at(call.placeDx[1], i),
+                sWidth * at(call.placeDy[0], i),
+                tWidth * at(call.placeDy[1], i)};
+    condition(f);
+    const bool ok =
+        system.texture(file.texture, thread, options, f.s, f.t, f.dsdx, f.dtdx, f.dsdy, f.dtdy,
+                       channels.asked, texel, sloped ? bySide : nullptr, sloped ? byHeight : nullptr);
     failed |= !ok;
     ++count;
     float* const to = call.result + i;

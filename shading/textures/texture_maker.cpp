@@ -50,9 +50,9 @@ class TextureWriter {
     OIIO::ImageSpec spec = spec_;
     spec.width = spec.full_width = p.width, spec.height = spec.full_height = p.height;
     // OpenImageIO's TIFF has no mip levels by that name: they are the further images of a texture's file.
-    const auto mode = levels_ == 0                  ? OIIO::ImageOutput::Create
-                      : out_->supports("mipmap")    ? OIIO::ImageOutput::AppendMIPLevel
-                                                    : OIIO::ImageOutput::AppendSubimage;
+    const auto mode = levels_ == 0               ? OIIO::ImageOutput::Create
+                      : out_->supports("mipmap") ? OIIO::ImageOutput::AppendMIPLevel
+                                                 : OIIO::ImageOutput::AppendSubimage;
     if (!out_->open(temporary_, spec, mode) || !out_->write_image(OIIO::TypeDesc::FLOAT, p.texels.data()))
       return path_ + ": " + out_->geterror();
     ++levels_;

@@ -44,7 +44,7 @@ void statistics(FrTextures* textures, FrTextureStatistics* out) {
   long long read = 0, used = 0;
   textures->images->getattribute("stat:bytes_read", OIIO::TypeDesc::INT64, &read);
   textures->images->getattribute("stat:cache_memory_used", OIIO::TypeDesc::INT64, &used);
-  out->bytesRead = uint64_t(read), out->peakBytes = uint64_t(used);
+  out->bytesRead = uint64_t(read), out->heldBytes = uint64_t(used);
 }
 
 }  // namespace

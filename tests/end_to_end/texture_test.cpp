@@ -186,7 +186,7 @@ TEST(Textures, MissingOnesAreOneErrorAndTheFrameIsFinished) {
   ASSERT_NE(first, std::string::npos) << o.err;
   EXPECT_NE(o.err.find("RIE_NOFILE"), std::string::npos) << o.err;
   EXPECT_EQ(o.err.find("nosuch.tx", first + 1), std::string::npos) << "said once: " << o.err;
-  EXPECT_NE(o.err.find("scene.rib:6"), std::string::npos) << "the request's place: " << o.err;
+  EXPECT_NE(o.err.find("scene.rib:7"), std::string::npos) << "the request's place: " << o.err;
   const Picture p = readExr(w.path() / "out.exr");
   EXPECT_GT(p.at("R", 48, 36), 0.5) << "a missing texture is white";
 }

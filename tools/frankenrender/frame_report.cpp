@@ -45,6 +45,9 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("filter and write", "{:.3f}", frame.filterAndWriteSeconds);
   out.line("compile shaders", "{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds,
            shading.shadersLoaded, shading.shadersCompiled);
+  if (shading.textureFiles > 0)
+    out.line("textures", "{} files, {} lookups, {} read, {} held", shading.textureFiles, shading.textureLookups,
+             mebibytes(shading.textureBytesRead), mebibytes(shading.textureMemory));
   out.title(" geometry");
   if (load)
     out.line("primitives", "{}{}", load->primitives,
