@@ -30,8 +30,8 @@ constexpr std::array<FilterName, 15> kFilters = {{{"", "box", 0},
                                                   {"mitchell", "mitchell", 4},
                                                   {"lanczos", "lanczos3", 6},
                                                   {"blackman-harris", "blackman-harris", 3},
-                                                  {"bspline", "b-spline", 4},
-                                                  {"radial-bspline", "b-spline", 4},
+                                                  {"bspline", "bspline", 4},
+                                                  {"radial-bspline", "bspline", 4},
                                                   {"disk", "box", 0}}};
 
 const FilterName* filterNamed(const std::string& name) {

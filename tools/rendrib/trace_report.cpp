@@ -30,6 +30,11 @@ std::string TraceReport::text(int frameNumber) const {
   line("filter and write", fmt::format("{:.3f}", frame.filterAndWriteSeconds));
   line("compile shaders", fmt::format("{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds,
                                       shading.shadersLoaded, shading.shadersCompiled));
+  if (shading.textureFiles > 0)
+    line("textures",
+         fmt::format("{} files, {} lookups, {:.1f} MiB read, {:.1f} MiB held", shading.textureFiles,
+                     shading.textureLookups, double(shading.textureBytesRead) / 1048576,
+                     double(shading.textureMemory) / 1048576));
   text += " geometry\n";
   if (load)
     line("primitives",
