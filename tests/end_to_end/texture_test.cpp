@@ -172,6 +172,67 @@ TEST(Textures, HitsSeeTheSameTextureInBothModes) {
     }
 }
 
+// Six cameras in the middle of a world of coloured balls, MakeCubeFaceEnvironment, and a mirror that looks
+// into the map; against a mirror that traces. The balls are far away, so the place of the mirror's points
+// does not matter.
+TEST(Textures, CubeFaceEnvironmentsAgreeWithRays) {
+  const Workspace w;
+  w.write("env.sl",
+          "surface env(string map = \"\";) {\n"
+          "  vector R = reflect(normalize(I), normalize(N));\n"
+          "  if (map == \"\") Ci = trace(P, R); else Ci = environment(map, vtransform(\"world\", R));\n"
+          "  Oi = 1;\n}\n");
+  std::string world = "Surface \"constant\"\n";
+  for (int k = 0; k < 14; ++k) {
+    // Directions and colours without any symmetry.
+    const double a = 2.4 * k, z = -0.95 + 1.9 * k / 13, r = std::sqrt(1 - z * z);
+    world += "AttributeBegin\nColor [" + std::to_string(0.2 + 0.8 * (k % 3) / 2) + " " +
+             std::to_string(0.2 + 0.8 * (k % 5) / 4) + " " + std::to_string(0.2 + 0.8 * (k % 7) / 6) +
+             "]\nTranslate " + std::to_string(500 * r * std::cos(a)) + " " + std::to_string(500 * z) + " " +
+             std::to_string(500 * r * std::sin(a)) + "\nSphere 130 -130 130 360\nAttributeEnd\n";
+  }
+  const int right[6][3] = {{0, 0, -1}, {0, 0, 1}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}, {-1, 0, 0}};
+  const int up[6][3] = {{0, 1, 0}, {0, 1, 0}, {0, 0, -1}, {0, 0, 1}, {0, 1, 0}, {0, 1, 0}};
+  const int axis[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+  std::string faces, names;
+  std::vector<std::string> files = {"-envcube"};
+  for (int k = 0; k < 6; ++k) {
+    files.push_back("face" + std::to_string(k) + ".tif");
+    names += " \"" + files.back() + "\"";
+    faces +=
+        "FrameBegin " + std::to_string(k + 1) + "\nDisplay \"" + files.back() +
+        "\" \"file\" \"rgb\"\nFormat 256 256 1\nPixelFilter \"box\" 1 1\nProjection \"perspective\" \"fov\" "
+        "[90]\nConcatTransform [";
+    for (int i = 0; i < 3; ++i)
+      faces += std::to_string(right[k][i]) + " " + std::to_string(up[k][i]) + " " +
+               std::to_string(axis[k][i]) + " 0 ";
+    faces += "0 0 0 1]\nWorldBegin\n" + world + "WorldEnd\nFrameEnd\n";
+  }
+  const auto mirror = [&](const std::string& map, const std::string& out) {
+    return "Display \"" + out +
+           "\" \"openexr\" \"rgb\"\nFormat 96 96 1\nPixelSamples 3 3\nPixelFilter \"box\" 1 1\nProjection "
+           "\"perspective\" \"fov\" [40]\nTranslate 0 0 3\nRotate 25 1 1 0\nWorldBegin\n" +
+           world + "Surface \"env\" \"string map\" [\"" + map + "\"]\nSphere 1 -1 1 360\nWorldEnd\n";
+  };
+  w.write("all.rib", faces + "MakeCubeFaceEnvironment" + names + " \"room.env\" 90 \"box\" 1 1\n" +
+                         mirror("room.env", "map.exr"));
+  const Outcome o = run("frankenrender", {"all.rib"}, w.path());
+  EXPECT_EQ(o.exitCode, 0) << o.err;
+  EXPECT_EQ(o.err, "");
+  w.write("rays.rib", mirror("", "rays.exr"));
+  EXPECT_EQ(run("frankenrender", {"rays.rib"}, w.path()).exitCode, 0);
+  files.push_back("other.env");
+  EXPECT_EQ(run("mkmip", files, w.path()).exitCode, 0);
+  w.write("other.rib", mirror("other.env", "other.exr"));
+  EXPECT_EQ(run("frankenrender", {"other.rib"}, w.path()).exitCode, 0);
+  const Picture map = readExr(w.path() / "map.exr"), rays = readExr(w.path() / "rays.exr");
+  double mean = 0;
+  for (const float v : rays.channels.at("R")) mean += double(v) / double(rays.channels.at("R").size());
+  ASSERT_GT(mean, 0.1) << "there is something to be seen";
+  EXPECT_LT(rmse(map, rays), 0.06);
+  EXPECT_EQ(map, readExr(w.path() / "other.exr"));
+}
+
 TEST(Textures, MissingOnesAreOneErrorAndTheFrameIsFinished) {
   const Workspace w;
   w.write(
