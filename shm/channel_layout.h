@@ -18,7 +18,7 @@ namespace fr::shm {
 
 inline constexpr uint64_t kChannelMagic = 0x314e414843525246ull;  // "FRRCHAN1"
 inline constexpr uint64_t kBoardMagic = 0x31445242'43525246ull;   // "FRRCBRD1"
-inline constexpr uint32_t kChannelVersion = 1;
+inline constexpr uint32_t kChannelVersion = 2;
 inline constexpr uint32_t kMaxBlocks = 1024;
 inline constexpr uint64_t kMaxBlockBytes = 1ull << 30;
 inline constexpr uint32_t kMailBytes = 112;

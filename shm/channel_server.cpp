@@ -57,6 +57,8 @@ namespace {
 
 constexpr std::chrono::nanoseconds kForever{-1};
 constexpr std::chrono::seconds kBusyLook{1};
+// A thread that has had nothing to do for a while looks up no more often than this.
+constexpr std::chrono::milliseconds kIdleRecheck{320};
 /// What a client loses at most when it is not woken for the first answer: as much as 50 wake-ups cost.
 constexpr std::chrono::nanoseconds kAnnounceAfter{500000};
 
@@ -290,8 +292,8 @@ size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel
 
   if (!bad) {
     if (const std::optional<Taken> taken = takeBlock(ch, bad)) {
-      const ServedBlock block{
-          ch.id, ch.user, taken->index, taken->use, ch.memory.block(taken->index), channel, taken->behind};
+      const ServedBlock block{ch.id,   ch.user,      taken->index, taken->use, ch.memory.block(taken->index),
+                              channel, taken->behind};
       servedMail = false;
       const Served result = handler_.serveBlock(block);
       if (result != Served::kDeferred)
@@ -350,6 +352,8 @@ void ChannelServer::run() {
   uint64_t version = 0;
   size_t turn = 0;
   SpinHistory spins;
+  WaitPolicy policy = options_.wait;
+  policy.longestRecheck = kIdleRecheck;
   Clock::time_point lastLook = Clock::now();
   while (!stop_.load(std::memory_order_seq_cst)) {
     if (const uint64_t now = channelsVersion_.load(std::memory_order_seq_cst); !mine || now != version) {
@@ -368,7 +372,7 @@ void ChannelServer::run() {
              channelsVersion_.load(std::memory_order_seq_cst) != version || hasWork(*mine);
     };
     waitAtDoorbell(
-        board_->bell(), options_.wait, kForever, ready,
+        board_->bell(), policy, kForever, ready,
         [&] {
           lookAfterClients(*mine);
           return true;

@@ -58,6 +58,9 @@ static_assert(sizeof(Doorbell) == kCacheLine);
 struct WaitPolicy {
   std::chrono::nanoseconds spin{-1};           // -1: wakeCost()
   std::chrono::nanoseconds recheck{20000000};  // a sleep is cut after this to re-check the peer's life
+  /// While nothing happens, sleeps double up to this, so that an idle server costs nothing; 0: they never
+  /// grow.
+  std::chrono::nanoseconds longestRecheck{0};
 };
 
 /// Whether spinning has paid lately, of one waiter: private to a thread, never in shared memory. A spin that
@@ -104,13 +107,14 @@ WaitOutcome waitAtDoorbell(Doorbell& bell, const WaitPolicy& policy, std::chrono
     }
   }
   if (history) history->note(false);
+  std::chrono::nanoseconds nap = policy.recheck;
   for (;;) {
     // SYNC POINT 1, sleeper's side (see Doorbell).
     bell.sleepers.fetch_add(1, std::memory_order_seq_cst);
     const uint32_t seen = bell.sequence.load(std::memory_order_seq_cst);
     const bool now = ready();
     // Whoever wakes us has taken us off the list.
-    if (now || futexWait(bell.sequence, seen, policy.recheck) != FutexResult::kWoken)
+    if (now || futexWait(bell.sequence, seen, nap) != FutexResult::kWoken)
       bell.sleepers.fetch_sub(1, std::memory_order_seq_cst);
     if (now || ready()) return WaitOutcome::kReady;
     const Clock::time_point t = Clock::now();
@@ -119,6 +123,7 @@ WaitOutcome waitAtDoorbell(Doorbell& bell, const WaitPolicy& policy, std::chrono
       if (!alive()) return ready() ? WaitOutcome::kReady : WaitOutcome::kPeerGone;
     }
     if (timeout.count() >= 0 && t - start >= timeout) return WaitOutcome::kTimedOut;
+    nap = std::min(nap * 2, std::max(policy.recheck, policy.longestRecheck));
   }
 }
 

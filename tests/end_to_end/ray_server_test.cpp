@@ -6,11 +6,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <random>
 #include <thread>
@@ -413,49 +415,77 @@ TEST(RayServer, RubbishOnTheSocketHarmsNobody) {
   EXPECT_EQ(askAll(**line, client->worldSpace(), 7, 4), 0);
 }
 
-TEST(RayServer, AClientThatDiesInTheMiddleIsForgotten) {
+/// Asks as fast as it can, blocks and single rays, until it is killed. In a child process: never returns.
+[[noreturn]] void askUntilKilled(const std::string& server) {
+  auto client = RayClient::join(server);
+  if (!client) ::_exit(1);
+  auto line = (*client)->connect();
+  if (!line) ::_exit(1);
+  const auto s = shots(1000, 1);
+  for (;;) {
+    while (RayQuery* q = (*line)->acquire()) {
+      fill(*q, s, (*client)->worldSpace(), RayKind::kFullTrace);
+      if (!(*line)->submit(q)) ::_exit(1);
+    }
+    (void)(*line)->ask({});
+    ::usleep(1000);
+  }
+}
+size_t entriesOf(const std::filesystem::path& folder) {
+  const std::filesystem::directory_iterator all(folder);
+  return size_t(std::distance(begin(all), end(all)));
+}
+size_t mappingsOf(pid_t pid) {
+  std::ifstream in("/proc/" + std::to_string(pid) + "/maps");
+  size_t n = 0;
+  for (std::string line; std::getline(in, line);)
+    n += line.find("frankenrender-channel") != std::string::npos;
+  return n;
+}
+
+TEST(RayServer, AHundredKilledClientsAreForgotten) {
+  constexpr int kKills = 100;
   Server server("dying");
   auto client = server.join();
   ASSERT_TRUE(client);
   auto line = client->connect();
   ASSERT_TRUE(line);
-  for (int i = 0; i < 5; ++i) {
-    const pid_t pid = ::fork();
-    if (pid == 0) {
-      auto other = RayClient::join(server.name);
-      if (!other) ::_exit(1);
-      auto theirs = (*other)->connect();
-      if (!theirs) ::_exit(1);
-      for (;;) {  // asks until it is killed
-        while (RayQuery* q = (*theirs)->acquire()) {
-          fill(*q, shots(1000, 1), (*other)->worldSpace(), RayKind::kFullTrace);
-          if (!(*theirs)->submit(q)) ::_exit(1);
-        }
-        ::usleep(1000);
-      }
-    }
-    for (int k = 0; k < 1000; ++k) {
+  EXPECT_EQ(askAll(**line, client->worldSpace(), 5, 4), 0);
+  const auto alone = [&] {
+    for (int k = 0; k < 3000; ++k) {
       auto n = client->numbers();
-      ASSERT_TRUE(n);
-      if ((*n)[Gauge::kChannels] == 2) break;
+      if (!n) return false;
+      if ((*n)[Gauge::kChannels] == 1 && (*n)[Gauge::kClients] == 1) return true;
       std::this_thread::sleep_for(10ms);
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(5 * i));
-    ::kill(pid, SIGKILL);
-    int status = 0;
-    ::waitpid(pid, &status, 0);
-    EXPECT_TRUE(WIFSIGNALED(status));
-    EXPECT_EQ(askAll(**line, client->worldSpace(), 5, 4), 0);
+    return false;
+  };
+  const std::filesystem::path descriptors = "/proc/" + std::to_string(server.process->pid()) + "/fd";
+  const size_t descriptorsBefore = entriesOf(descriptors), mappingsBefore = mappingsOf(server.process->pid());
+
+  // From the moment that a client is born to some time after its first answers; four at a time.
+  std::mt19937 random(20);
+  std::uniform_int_distribution<int> microseconds(0, 60000);
+  for (int kills = 0; kills < kKills;) {
+    std::array<pid_t, 4> clients{};
+    for (pid_t& pid : clients) {
+      pid = ::fork();
+      if (pid == 0) askUntilKilled(server.name);
+      ASSERT_GT(pid, 0);
+    }
+    for (const pid_t pid : clients) {
+      std::this_thread::sleep_for(std::chrono::microseconds(microseconds(random)));
+      ::kill(pid, SIGKILL);
+      int status = 0;
+      ::waitpid(pid, &status, 0);
+      EXPECT_TRUE(WIFSIGNALED(status)) << "a client ended by itself with status " << status;
+      ++kills;
+    }
+    ASSERT_EQ(askAll(**line, client->worldSpace(), uint32_t(kills), 4), 0) << "after " << kills << " kills";
   }
-  for (int k = 0; k < 1000; ++k) {
-    auto n = client->numbers();
-    ASSERT_TRUE(n);
-    if ((*n)[Gauge::kChannels] == 1 && (*n)[Gauge::kClients] == 1) break;
-    std::this_thread::sleep_for(10ms);
-  }
-  auto n = client->numbers();
-  EXPECT_EQ((*n)[Gauge::kChannels], 1u);
-  EXPECT_EQ((*n)[Gauge::kClients], 1u);
+  ASSERT_TRUE(alone());
+  EXPECT_LE(entriesOf(descriptors), descriptorsBefore);
+  EXPECT_LE(mappingsOf(server.process->pid()), mappingsBefore);
 }
 
 TEST(RayServer, AServerThatIsKilledIsAnErrorAndNoHang) {
