@@ -406,7 +406,8 @@ class RayServer::Impl {
   }
 
   void count() {
-    counters_->set(Gauge::kClients, uint64_t(std::count_if(clients_.begin(), clients_.end(), [](const Client& c) {
+    counters_->set(Gauge::kClients,
+                   uint64_t(std::count_if(clients_.begin(), clients_.end(), [](const Client& c) {
                      return c.greeted && c.name != kWatcherName;
                    })));
     counters_->set(Gauge::kClientsEver, clientsEver_);

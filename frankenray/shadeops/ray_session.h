@@ -7,12 +7,13 @@
 //
 // Environment, read when a session is made:
 //
-// RAYSERVER: command line of the server to start ("rendrib -rayserver scene.rib"), or "@name" to join a running one.
+// RAYSERVER: command line of the server to start ("rendrib -rayserver scene.rib"), or "@name" to join a
+// running one.
 //
 // RAYSERVER_JITTER_TIMES: 1 gives rays times inside the shutter; 0 or unset, all at shutter open, as in 1998.
 //
-// RAYSERVER_BIAS: world units by which rays start ahead of their origin, default 0.01. The host's surface and the
-// server's are different tessellations of the same thing.
+// RAYSERVER_BIAS: world units by which rays start ahead of their origin, default 0.01. The host's surface and
+// the server's are different tessellations of the same thing.
 //
 // RAYSERVER_TRANSPORT: "pipe" for no shared memory.
 #pragma once

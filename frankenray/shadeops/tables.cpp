@@ -1,14 +1,15 @@
 // What renderers look up: for each function the overloads that a compiler may ask for.
 //
-// Types match exactly in a host, and some type expressions like normalize(I) or A - B as points: each geometric
-// argument comes as point, vector and normal. The first entry is the usual mix: hosts search in order. A function
-// of the shading language and its C function have different names where one serves several.
+// Types match exactly in a host, and some type expressions like normalize(I) or A - B as points: each
+// geometric argument comes as point, vector and normal. The first entry is the usual mix: hosts search in
+// order. A function of the shading language and its C function have different names where one serves several.
 #include "frankenray/shadeops/shadeop_abi.h"
 
 // One entry; the types stand in the text of the spec.
 #define ENTRY(returned, function, arguments) \
   {returned " " function "(" arguments ")", "rayserver_init", "rayserver_shutdown"},
-#define LAST {"", "", ""}
+#define LAST \
+  { "", "", "" }
 
 // The world's origin and axes in current space (rayserver.h puts the casts in).
 #define FRAME ", point, vector, vector, vector"
@@ -16,19 +17,24 @@
 #define COLOR_OF_TWO(function, a, b) ENTRY("color", function, a ", " b)
 
 #define HITTEST(a, b, c, d) ENTRY("float", "rayserver_rayhittest", a ", " b ", " c ", " d FRAME)
-#define HITTEST_OUT(a, b) \
-  HITTEST(a, b, "point", "vector") HITTEST(a, b, "point", "normal") HITTEST(a, b, "point", "point") \
-  HITTEST(a, b, "vector", "vector") HITTEST(a, b, "vector", "normal") HITTEST(a, b, "vector", "point") \
-  HITTEST(a, b, "normal", "vector") HITTEST(a, b, "normal", "normal") HITTEST(a, b, "normal", "point")
-#define FROM(M) \
-  M("point", "vector") M("point", "point") M("point", "normal") M("vector", "vector") M("vector", "point") \
-  M("vector", "normal") M("normal", "vector") M("normal", "point") M("normal", "normal")
+#define HITTEST_OUT(a, b)                                                                                  \
+  HITTEST(a, b, "point", "vector")                                                                         \
+  HITTEST(a, b, "point", "normal") HITTEST(a, b, "point", "point") HITTEST(a, b, "vector", "vector")       \
+      HITTEST(a, b, "vector", "normal") HITTEST(a, b, "vector", "point") HITTEST(a, b, "normal", "vector") \
+          HITTEST(a, b, "normal", "normal") HITTEST(a, b, "normal", "point")
+#define FROM(M)                                                                                             \
+  M("point", "vector")                                                                                      \
+  M("point", "point") M("point", "normal") M("vector", "vector") M("vector", "point") M("vector", "normal") \
+      M("normal", "vector") M("normal", "point") M("normal", "normal")
 
 #define FULLTRACE(a, b, c, d, e, f) \
   ENTRY("float", "rayserver_fulltrace", a ", " b ", color, float, " c ", " d ", " e ", " f FRAME)
-#define FULLTRACE_4(a, b, c, d, e) FULLTRACE(a, b, c, d, e, "vector") FULLTRACE(a, b, c, d, e, "point") FULLTRACE(a, b, c, d, e, "normal")
-#define FULLTRACE_3(a, b, c, d) FULLTRACE_4(a, b, c, d, "point") FULLTRACE_4(a, b, c, d, "vector") FULLTRACE_4(a, b, c, d, "normal")
-#define FULLTRACE_2(a, b, c) FULLTRACE_3(a, b, c, "vector") FULLTRACE_3(a, b, c, "normal") FULLTRACE_3(a, b, c, "point")
+#define FULLTRACE_4(a, b, c, d, e) \
+  FULLTRACE(a, b, c, d, e, "vector") FULLTRACE(a, b, c, d, e, "point") FULLTRACE(a, b, c, d, e, "normal")
+#define FULLTRACE_3(a, b, c, d) \
+  FULLTRACE_4(a, b, c, d, "point") FULLTRACE_4(a, b, c, d, "vector") FULLTRACE_4(a, b, c, d, "normal")
+#define FULLTRACE_2(a, b, c) \
+  FULLTRACE_3(a, b, c, "vector") FULLTRACE_3(a, b, c, "normal") FULLTRACE_3(a, b, c, "point")
 #define FULLTRACE_OUT(a, b) FULLTRACE_2(a, b, "point") FULLTRACE_2(a, b, "vector") FULLTRACE_2(a, b, "normal")
 
 #define TRACE(a, b) COLOR_OF_TWO("rayserver_trace", a, b)
@@ -57,11 +63,10 @@ FR_SHADEOP_EXPORT const ShadeopEntry isshadowray_shadeops[] = {ENTRY("float", "r
 
 FR_SHADEOP_EXPORT const ShadeopEntry rayserver_shadeops[] = {
     ENTRY("color", "rayserver_trace", "point, vector") ENTRY("color", "rayserver_visibility", "point, point")
-    HITTEST_1998("point", "vector") HITTEST_1998("point", "normal")
-    FULLTRACE_1998("vector", "vector") FULLTRACE_1998("vector", "point") FULLTRACE_1998("normal", "vector")
-    FULLTRACE_1998("normal", "point")
-    ENTRY("color", "rayserver_areashadow_1998", "point, float, string") LAST};
+        HITTEST_1998("point", "vector") HITTEST_1998("point", "normal") FULLTRACE_1998("vector", "vector")
+            FULLTRACE_1998("vector", "point") FULLTRACE_1998("normal", "vector") FULLTRACE_1998(
+                "normal", "point") ENTRY("color", "rayserver_areashadow_1998", "point, float, string") LAST};
 
 FR_SHADEOP_EXPORT const ShadeopEntry rayserver_photon_shadeops[] = {
     ENTRY("color", "rayserver_photon_1998", "point, vector, vector, vector")
-    ENTRY("color", "rayserver_photon_1998", "point, vector, normal, vector") LAST};
+        ENTRY("color", "rayserver_photon_1998", "point, vector, normal, vector") LAST};

@@ -15,7 +15,7 @@ struct CommandLine {
   bool inproc = false;
   bool pipe = false;
   std::vector<std::string> words;  // as typed, without the program: a ray server of --pipe gets the same
-  int threads = 0;  // 0: all cores
+  int threads = 0;                 // 0: all cores
   bool progress = false;
   bool stats = false;
   bool quiet = false;

@@ -96,9 +96,9 @@ Result<void> serve(const RayServerCommand& c, tracer::RayServer& server, int thr
   tracer::RayTracer tracer(scene, shading, options);
   const RaySceneInfo info = tracer::describeScene(scene, tracer, c.patchMultiplier, threads);
   if (announce)
-    logMessage(Severity::kInfo, fmt::format("ray server ready: frame {}, {} objects, {} threads; join as '{}'",
-                                            info.frame, scene.skeleton().objects().size(), threads,
-                                            server.name()));
+    logMessage(Severity::kInfo,
+               fmt::format("ray server ready: frame {}, {} objects, {} threads; join as '{}'", info.frame,
+                           scene.skeleton().objects().size(), threads, server.name()));
   Result<void> r = server.serve(tracer, info);
   scene.setDisplacer(nullptr);
   return r;
