@@ -31,7 +31,8 @@
  * FORK. In a child of fork() (without exec) every handle of the parent answers FRANKENRAY_ERROR_FORKED, and closing
  * it only frees memory; the parent's handles are not disturbed. The child makes a session of its own.
  */
-/* clang-format off: a C header, laid out to be read as a manual. */
+/* A C header, laid out to be read as a manual. */
+/* clang-format off */
 #ifndef FRANKENRAY_H
 #define FRANKENRAY_H
 
