@@ -1,3 +1,4 @@
+/* clang-format off */
 /* frankenray: ask a frankenrender ray server what a ray meets. C99, no other header of ours.
  *
  *   frankenray_session *session = frankenray_create();
@@ -31,8 +32,6 @@
  * FORK. In a child of fork() (without exec) every handle of the parent answers FRANKENRAY_ERROR_FORKED, and closing
  * it only frees memory; the parent's handles are not disturbed. The child makes a session of its own.
  */
-/* A C header, laid out to be read as a manual. */
-/* clang-format off */
 #ifndef FRANKENRAY_H
 #define FRANKENRAY_H
 
