@@ -68,6 +68,20 @@ std::vector<OutputChannel> requiredOutputs(const std::vector<DisplayRequest>& di
   return out;
 }
 
+Result<void> checkPictureFits(const FrameGeometry& geometry, const std::vector<DisplayRequest>& displays) {
+  // A byte a channel is the least that a display keeps; a tile's records come to about a byte a pixel.
+  uint64_t bytesPerPixel = 1;
+  for (const DisplayRequest& d : displays) bytesPerPixel += parseDisplayMode(d.mode).channels.size();
+  const uint64_t bytes = bytesPerPixel * uint64_t(geometry.crop.area());
+  const uint64_t usable = shm::availableMemory().usable();
+  if (bytes <= usable / 10 * 9) return {};
+  return makeError(
+      RiError::kNoMem,
+      "a picture of {} x {} pixels takes {} MiB or more, and {} MiB of memory are free: render a "
+      "smaller one, or parts of it with CropWindow",
+      geometry.crop.width(), geometry.crop.height(), bytes >> 20, usable >> 20);
+}
+
 FrameOutput::FrameOutput(FrameGeometry geometry, std::vector<DisplayRequest> displays,
                          std::vector<std::string> searchPath)
     : geometry_(std::move(geometry)), searchPath_(std::move(searchPath)) {
@@ -112,16 +126,7 @@ Result<void> FrameOutput::open() {
     d.format = formatQuantizer(d.request, d.sources).format();
     if (!(use.acceptedFormats & (1u << int(d.format)))) d.format = SampleFormat::kFloat;
     d.pixelBytes = sampleBytes(d.format) * d.sources.size();
-    const uint64_t bytes = uint64_t(d.pixelBytes) * uint64_t(width) * uint64_t(height);
-    if (const uint64_t usable = shm::availableMemory().usable(); bytes > usable / 10 * 9) {
-      fail(d, makeError(
-                  RiError::kNoMem,
-                  "display \"{}\": {} x {} pixels of {} channels take {} MiB, and {} MiB of memory are free: "
-                  "render a smaller picture, or parts of it with CropWindow",
-                  d.request.name, width, height, d.sources.size(), bytes >> 20, usable >> 20));
-      continue;
-    }
-    d.pixels.resize(bytes);
+    d.pixels.resize(d.pixelBytes * size_t(width) * size_t(height));
     d.missing.assign(size_t(height), width);
 
     std::vector<const char*> names;

@@ -50,6 +50,10 @@ struct FrameGeometry {
 /// its type ("color foo", "float x").
 std::vector<OutputChannel> requiredOutputs(const std::vector<DisplayRequest>& displays);
 
+/// Displays keep whole pictures in memory. Error: kNoMem when that cannot be. Ask before anything is made for
+/// the frame.
+Result<void> checkPictureFits(const FrameGeometry& geometry, const std::vector<DisplayRequest>& displays);
+
 /// n pixels: raster positions of their centres, colour and alpha in place; opacity starts as alpha and is the
 /// imager's to write. False: nothing was done. Never called by two threads at once.
 using ImagerFunction = std::function<bool(size_t n, const float* x, const float* y, float* const color[3],

@@ -226,8 +226,9 @@ TEST(RayServer, SixtyFourClientsAtOnceGetTheirOwnAnswers) {
 TEST(RayServer, EveryTransportGivesTheSameBits) {
   Workspace w;
   w.write("scene.rib", kScene);
-  const std::vector<std::string> command{rendrib(),  "-rayserver", "-silent",
-                                         "-threads", "2",          (w.path() / "scene.rib").string()};
+  const std::vector<std::string> command{
+      rendrib(), "-rayserver",        "-silent", "-threads",
+      "2",       "-patch_multiplier", "1",       (w.path() / "scene.rib").string()};
   std::vector<std::vector<std::byte>> answers;
   for (const bool pipe : {false, true}) {
     RayClientOptions o;
