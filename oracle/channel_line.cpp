@@ -41,6 +41,7 @@ RayQuery* ChannelLine::acquire() {
   const std::span<std::byte> bytes = channel_.data(*index);
   if (bytes.size() < sizeof(RayQuery)) return nullptr;
   slots_[*index] = {reinterpret_cast<RayQuery*>(bytes.data()), SlotState::kFilling};
+  slots_[*index].query->terms = RayTerms{};
   return slots_[*index].query;
 }
 

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "oracle/control_message.h"
+#include "oracle/query_fields.h"
 #include "oracle/server_counters.h"
 #include "shm/cache_line.h"
 
@@ -45,7 +47,8 @@ static_assert(sizeof(RaysHeader) == 32);
 
 struct AnswersHeader {
   uint32_t kind, count;
-  uint32_t reserved[2];
+  uint32_t extras;  // columns after those that the kind has
+  uint32_t reserved;
 };
 static_assert(sizeof(AnswersHeader) == 16);
 
@@ -56,7 +59,8 @@ enum : uint32_t {
   kHasStart = 4,
   kHasSeed = 8,
   kHasImportance = 16,
-  kAllColumns = 31
+  kHasTerms = 32,  // no column: RayTerms, once, before the columns
+  kAllColumns = 63
 };
 
 /// Calls f(array, element size) for every column of the question that `columns` says, in the order of the
@@ -180,7 +184,7 @@ bool readPipeReply(std::span<const std::byte> bytes, RayKind kind, const WorldSp
 
 uint64_t pipeFingerprint() {
   return shm::layoutHash(kPipeVersion, sizeof(RaysHeader), sizeof(AnswersHeader), sizeof(RaySceneInfo),
-                         sizeof(RayServerNumbers), uint64_t(kCounterCount), kMaxRays);
+                         sizeof(RayTerms), sizeof(RayServerNumbers), uint64_t(kCounterCount), kMaxRays);
 }
 
 PipeQuery pipeHello() {
@@ -223,13 +227,17 @@ void putPipeRays(std::vector<std::byte>& out, uint32_t id, uint32_t flags, const
     r.columns |= kHasStart;
   if (anyOtherThan(q.seed, n, uint64_t(0))) r.columns |= kHasSeed;
   if (anyOtherThan(q.importance, n, 0x3f800000u)) r.columns |= kHasImportance;
+  const RayTerms nothing{};
+  if (std::memcmp(&q.terms, &nothing, sizeof nothing) != 0) r.columns |= kHasTerms;
+  const size_t termsBytes = r.columns & kHasTerms ? sizeof(RayTerms) : 0;
   FrameHeader h;
   h.type = uint16_t(PipeFrameType::kRays);
   h.id = id;
-  h.bytes = uint32_t(sizeof r + questionBytes(r.columns) * n);
+  h.bytes = uint32_t(sizeof r + termsBytes + questionBytes(r.columns) * n);
   out.reserve(out.size() + sizeof h + h.bytes);
   put(out, h);
   put(out, r);
+  put(out, &q.terms, termsBytes);
   forEachQuestion(q, r.columns, [&](const auto& a) { put(out, a, sizeof a[0] * n); });
 }
 
@@ -242,9 +250,11 @@ Result<void> readPipeRays(std::span<const std::byte> body, RayQuery& q, uint32_t
     return makeError(RiError::kBadFile, "a frame of rays has kind {}, {} rays, columns {:#x}, flags {:#x}",
                      r.kind, r.count, r.columns, r.flags);
   const uint32_t n = r.count;
-  if (body.size() != sizeof r + questionBytes(r.columns) * n)
+  const size_t termsBytes = r.columns & kHasTerms ? sizeof(RayTerms) : 0;
+  const size_t expected = sizeof r + termsBytes + questionBytes(r.columns) * n;
+  if (body.size() != expected)
     return makeError(RiError::kBadFile, "a frame of {} rays has {} bytes instead of {}", n, body.size(),
-                     sizeof r + questionBytes(r.columns) * n);
+                     expected);
   q.kind = RayKind(r.kind), q.count = n, q.level = r.level, q.label = r.label;
   flags = r.flags;
   std::fill_n(q.time, n, 0.0f), std::fill_n(q.radius, n, 0.0f), std::fill_n(q.spread, n, 0.0f);
@@ -253,7 +263,9 @@ Result<void> readPipeRays(std::span<const std::byte> body, RayQuery& q, uint32_t
   std::fill_n(q.u, n, 0.0f), std::fill_n(q.v, n, 0.0f);
   std::fill_n(q.seed, n, uint64_t(0)), std::fill_n(q.importance, n, 0x3f800000u);
   std::fill_n(q.point, n, 0u);
-  const std::byte* p = body.data() + sizeof r;
+  q.terms = RayTerms{};
+  if (termsBytes) std::memcpy(&q.terms, body.data() + sizeof r, termsBytes);
+  const std::byte* p = body.data() + sizeof r + termsBytes;
   forEachQuestion(q, r.columns, [&](auto& a) {
     std::memcpy(a, p, sizeof a[0] * n);
     p += sizeof a[0] * n;
@@ -261,25 +273,33 @@ Result<void> readPipeRays(std::span<const std::byte> body, RayQuery& q, uint32_t
   return {};
 }
 
+namespace {
+/// Extra columns of a block's answers.
+uint32_t extrasOf(const RayQuery& q) { return q.kind == RayKind::kVisibility ? 0 : extraAnswers(q.terms); }
+}  // namespace
+
 void putPipeAnswers(std::vector<std::byte>& out, uint32_t id, const RayQuery& q) {
   const uint32_t n = std::min(q.count, kMaxRays);
-  const AnswersHeader r{uint32_t(q.kind), n, {}};
+  const uint32_t extras = extrasOf(q);
+  const AnswersHeader r{uint32_t(q.kind), n, extras, 0};
   FrameHeader h;
   h.type = uint16_t(PipeFrameType::kAnswers);
   h.id = id;
-  h.bytes = uint32_t(sizeof r + answerBytes(q.kind) * n);
+  h.bytes = uint32_t(sizeof r + (answerBytes(q.kind) + extras * sizeof(float)) * n);
   out.reserve(out.size() + sizeof h + h.bytes);
   put(out, h);
   put(out, r);
   forEachAnswer(q, q.kind, [&](const auto& a) { put(out, a, sizeof a[0] * n); });
+  for (uint32_t k = 0; k < extras; ++k) put(out, q.extra[k], sizeof(float) * n);
 }
 
 Result<void> readPipeAnswers(std::span<const std::byte> body, RayKind kind, uint32_t count, RayQuery& q) {
   AnswersHeader r;
   if (body.size() < sizeof r) return makeError(RiError::kBadFile, "a frame of answers is cut off");
   std::memcpy(&r, body.data(), sizeof r);
-  if (r.kind != uint32_t(kind) || r.count != count || count > kMaxRays ||
-      body.size() != sizeof r + answerBytes(kind) * count)
+  const uint32_t extras = kind == RayKind::kVisibility ? 0 : extraAnswers(q.terms);
+  if (r.kind != uint32_t(kind) || r.count != count || count > kMaxRays || r.extras != extras ||
+      body.size() != sizeof r + (answerBytes(kind) + extras * sizeof(float)) * count)
     return makeError(RiError::kBadFile, "{} answers of kind {} in {} bytes came for {} rays of kind {}",
                      r.count, r.kind, body.size(), count, uint32_t(kind));
   const std::byte* p = body.data() + sizeof r;
@@ -287,6 +307,8 @@ Result<void> readPipeAnswers(std::span<const std::byte> body, RayKind kind, uint
     std::memcpy(a, p, sizeof a[0] * count);
     p += sizeof a[0] * count;
   });
+  for (uint32_t k = 0; k < extras; ++k, p += sizeof(float) * count)
+    std::memcpy(q.extra[k], p, sizeof(float) * count);
   return {};
 }
 

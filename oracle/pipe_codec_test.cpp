@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <memory>
 #include <random>
@@ -159,6 +160,12 @@ std::unique_ptr<RayQuery> randomQuery(uint32_t seed) {
       q->color[c][i] = f(), q->hitP[c][i] = f(), q->hitN[c][i] = f(), q->missP[c][i] = f(),
       q->missR[c][i] = f();
     q->hitDistance[i] = f(), q->missDepth[i] = f();
+    for (auto& column : q->extra) column[i] = f();
+  }
+  if (parts & 32) {
+    q->terms.rayClass = RayClass::kDiffuse, q->terms.diffuseDepth = 2, q->terms.maxDistance = 0.5f;
+    std::strcpy(q->terms.label, "label");
+    if (parts & 64) std::strcpy(q->terms.extras, "1 primitive:s\n3 surface:x\n");
   }
   return q;
 }
@@ -187,6 +194,7 @@ TEST(PipeCodec, FramesKeepEveryBitOfQuestionsAndAnswers) {
     EXPECT_EQ(back->kind, q->kind);
     EXPECT_EQ(back->level, q->level);
     EXPECT_EQ(back->label, q->label);
+    EXPECT_EQ(std::memcmp(&back->terms, &q->terms, sizeof q->terms), 0);
     const size_t n = q->count * sizeof(float);
     for (int c = 0; c < 3; ++c) {
       EXPECT_EQ(std::memcmp(back->origin[c], q->origin[c], n), 0);
@@ -206,7 +214,11 @@ TEST(PipeCodec, FramesKeepEveryBitOfQuestionsAndAnswers) {
     putPipeAnswers(reply, 77, *q);
     const PipeFrame answers = readFrame(reply);
     auto got = std::make_unique<RayQuery>();
+    got->terms = q->terms;
     ASSERT_TRUE(readPipeAnswers(answers.body, q->kind, q->count, *got));
+    if (q->terms.extras[0] != 0 && q->kind != RayKind::kVisibility) {
+      for (int k = 0; k < 4; ++k) EXPECT_EQ(std::memcmp(got->extra[k], q->extra[k], n), 0);
+    }
     if (q->kind != RayKind::kHitTest) {
       EXPECT_EQ(std::memcmp(got->color[2], q->color[2], n), 0);
     }

@@ -238,6 +238,7 @@ class PipeLine : public RayOracle {
       if (!b) b = std::make_shared<PipeBlock>(), b->mail = mail_;
       if (b->state.load(std::memory_order_relaxed) != PipeBlock::kFree) continue;
       b->state.store(PipeBlock::kFilling, std::memory_order_relaxed);
+      b->query->terms = RayTerms{};
       return b->query.get();
     }
     return nullptr;

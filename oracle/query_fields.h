@@ -56,6 +56,19 @@ class KeptQuestions {
   std::vector<std::byte> bytes_;
 };
 
+/// Floats a ray that `terms` ask for beyond the fixed answers.
+inline uint32_t extraAnswers(const RayTerms& terms) {
+  uint32_t n = 0;
+  for (size_t i = 0; i < sizeof terms.extras && terms.extras[i] != 0;) {
+    const uint32_t components = terms.extras[i] == '3' ? 3 : 1;
+    if (n + components > kMaxExtraAnswers) break;
+    n += components;
+    while (i < sizeof terms.extras && terms.extras[i] != 0 && terms.extras[i] != '\n') ++i;
+    if (i < sizeof terms.extras && terms.extras[i] == '\n') ++i;
+  }
+  return n;
+}
+
 /// Copies the answers to `count` rays.
 inline void copyAnswers(const RayQuery& from, RayQuery& to, uint32_t count) {
   const size_t bytes = std::min(count, kMaxRays) * sizeof(float);
@@ -68,6 +81,8 @@ inline void copyAnswers(const RayQuery& from, RayQuery& to, uint32_t count) {
   }
   std::memcpy(to.hitDistance, from.hitDistance, bytes);
   std::memcpy(to.missDepth, from.missDepth, bytes);
+  if (to.terms.extras[0] != 0)
+    for (uint32_t k = 0; k < kMaxExtraAnswers; ++k) std::memcpy(to.extra[k], from.extra[k], bytes);
 }
 
 }  // namespace fr

@@ -24,13 +24,43 @@ enum class RayKind : uint32_t {
   kFullTrace,   // all; hitDistance 1e30 on a miss; missDepth, missP, missR
 };
 
+/// Which rays of a kind these are: what surfaces they can see, and rayinfo("type") at their hits. Visibility
+/// questions are always transmission rays, whatever stands here.
+enum class RayClass : uint32_t { kSpecular, kDiffuse };
+
+/// How the surfaces that rays hit are asked for colour or opacity; kDefault: as their attributes say.
+enum class HitMode : uint32_t { kDefault, kPrimitive, kShader };
+
+/// Floats per ray beyond the fixed answers.
+inline constexpr uint32_t kMaxExtraAnswers = 12;
+
+/// What a call site says about all its rays. All bytes 0: nothing said. Strings end with 0.
+struct RayTerms {
+  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4 };
+  RayClass rayClass;
+  uint32_t flags;
+  float maxDistance;      // hits farther away are none; 0: no limit. Not for visibility
+  float bias;             // kHasBias: hits nearer than this are none, instead of any other care at the start
+  uint32_t diffuseDepth;  // of these rays: diffuse rays on the way from the camera, themselves included
+  uint32_t shadowDepth;   // the same of transmission rays
+  HitMode hitMode;
+  char label[52];          // raylabel() at hits
+  char subset[64];         // groups (Attribute "grouping" "membership") that are seen, "": all
+  char excludeSubset[64];  // groups that are not
+  /// Wanted extra answers, not of visibility, a line each: number of components (1 or 3), a space, a name:
+  /// "surface:x", "displacement:x", "volume:x", "primitive:x", "attribute:x" of the nearest hit;
+  /// "surface:Oi" and "ray:transmission" of the ray. Current space.
+  char extras[256];
+};
+static_assert(sizeof(RayTerms) % 8 == 0);
+
 /// Input arrays are written by the client, output arrays by the oracle. Only [0, count) is meaningful.
 struct RayQuery {
   RayKind kind;
   uint32_t count;
   uint32_t level;  // ray level of these rays: 1 for rays asked by camera-visible points
   uint32_t label;  // StringId of the trace label, 0: none
-  uint64_t reserved[6];
+  RayTerms terms;  // oracles clear it when a block is acquired
 
   float origin[3][kRayRow];
   float direction[3][kRayRow];  // need not be unit; kVisibility: to - from
@@ -55,7 +85,8 @@ struct RayQuery {
   float hitN[3][kRayRow];
   float missP[3][kRayRow];
   float missR[3][kRayRow];
-  float missDepth[kRayRow];  // depth of the deepest ray that missed everything, 0: none missed
+  float missDepth[kRayRow];                // depth of the deepest ray that missed everything, 0: none missed
+  float extra[kMaxExtraAnswers][kRayRow];  // as terms.extras asks, component after component
 };
 static_assert(std::is_trivially_copyable_v<RayQuery> && std::is_standard_layout_v<RayQuery>);
 

@@ -216,9 +216,44 @@ void StateRenderer::sides(int n) {
   state_.editAttributes().sides = n;
 }
 
+namespace {
+/// Attribute "grouping" "membership": "a,b" are the groups; "+a,b" joins groups, "-a,b" leaves them.
+std::string groupMembership(const std::string& now, const std::string& change) {
+  const auto names = [](std::string_view list) {
+    std::vector<std::string> r;
+    std::string name;
+    for (const char c : list)
+      if (c == ',' || c == ' ' || c == '+') {
+        if (!name.empty()) r.push_back(std::move(name));
+        name.clear();
+      } else {
+        name += c;
+      }
+    if (!name.empty()) r.push_back(std::move(name));
+    return r;
+  };
+  const char sign = change.empty() ? 0 : change[0];
+  if (sign != '+' && sign != '-') return change;
+  std::vector<std::string> groups = names(now);
+  for (const std::string& n : names(std::string_view(change).substr(1))) {
+    const auto at = std::find(groups.begin(), groups.end(), n);
+    if (sign == '-' && at != groups.end()) groups.erase(at);
+    if (sign == '+' && at == groups.end()) groups.push_back(n);
+  }
+  std::string r;
+  for (const std::string& g : groups) r += (r.empty() ? "" : ",") + g;
+  return r;
+}
+}  // namespace
+
 void StateRenderer::attribute(std::string category, ParamList params) {
   if (!attributeAllowed("Attribute")) return;
-  for (Param& p : params.params()) state_.editAttributes().values.set(category, std::move(p));
+  for (Param& p : params.params()) {
+    if (category == "grouping" && p.name == "membership" && p.strings.size() == 1)
+      p.strings[0] =
+          groupMembership(state_.attributes().values.getString("grouping:membership", ""), p.strings[0]);
+    state_.editAttributes().values.set(category, std::move(p));
+  }
 }
 
 // Basis and TrimCurve are kept with the primitive, so objects may hold them.

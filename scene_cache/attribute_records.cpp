@@ -53,11 +53,23 @@ RayVisibility rayVisibility(const ri::NamedValues& a) {
     badValue("\"render\" \"casts_shadows\"", mode);
 
   if (a.find("visibility:camera")) set(kVisibleCamera, a.getInt("visibility:camera", 1) != 0);
-  // Diffuse, specular and the older "trace" are all reflection rays here: visible to one is visible to all.
-  bool given = false, any = false;
-  for (const char* name : {"visibility:diffuse", "visibility:specular", "visibility:trace"})
-    if (a.find(name)) given = true, any = any || a.getInt(name, 0) != 0;
-  if (given) set(kVisibleReflection, any);
+  // Diffuse and specular are both reflection rays; the older "trace" means both.
+  const bool trace = a.getInt("visibility:trace", (v.bits & kVisibleReflection) != 0) != 0;
+  const bool specular = a.getInt("visibility:specular", trace) != 0;
+  const bool diffuse = a.getInt("visibility:diffuse", trace) != 0;
+  set(kVisibleReflection, specular || diffuse);
+  if (diffuse && !specular) v.flags |= kNoSpecularRays;
+  if (specular && !diffuse) v.flags |= kNoDiffuseRays;
+  const auto hitMode = [&](const char* name, uint32_t flag) {
+    const std::string mode = a.getString(name, "");
+    if (mode == "primitive")
+      v.flags |= flag;
+    else if (!mode.empty() && mode != "shader")
+      badValue(name, mode);
+  };
+  hitMode("shade:camerahitmode", kCameraHitsPrimitive);
+  hitMode("shade:specularhitmode", kSpecularHitsPrimitive);
+  hitMode("shade:diffusehitmode", kDiffuseHitsPrimitive);
 
   if (const ri::Param* t = a.find("visibility:transmission")) {
     if (t->declaration.type == ri::ValueType::kString) {  // the older form
@@ -179,6 +191,9 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
   const RayVisibility visibility = rayVisibility(v);
   r.visibility = visibility.bits;
   r.castsShadows = visibility.castsShadows;
+  r.flags |= visibility.flags;
+  if (withLights)
+    if (const ShaderId id = light(a.areaLight); id != kNone) r.areaLight = id + 1;
   r.surface = shader(a.surface);
   r.displacement = shader(a.displacement);
   r.atmosphere = shader(a.atmosphere);

@@ -34,6 +34,7 @@ class IdentityCache {
 struct RayVisibility {
   uint32_t bits = kVisibleCamera | kVisibleReflection | kVisibleShadow;
   CastsShadows castsShadows = CastsShadows::kOs;
+  uint32_t flags = 0;  // of AttributeFlags: kNo...Rays, k...HitsPrimitive
 };
 RayVisibility rayVisibility(const ri::NamedValues& attributes);
 

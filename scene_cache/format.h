@@ -32,8 +32,8 @@ inline constexpr int kLevels = kMaxGridLog2 + 1;
 /// Most vertices and triangles of a meshlet.
 inline constexpr int kMaxMeshletVertices = 256;
 inline constexpr int kMaxMeshletTriangles = 320;
-/// Positions start at multiples of this many bytes from the start of the arena: 12 * 16, so that a vertex buffer of
-/// byte stride 12 * k addresses every grid by an integral vertex index for k = 1, 2, 4, 8, 16.
+/// Positions start at multiples of this many bytes from the start of the arena: 12 * 16, so that a vertex
+/// buffer of byte stride 12 * k addresses every grid by an integral vertex index for k = 1, 2, 4, 8, 16.
 inline constexpr uint64_t kPositionAlign = 192;
 
 using StringId = uint32_t;     // index into the string table; 0 is ""
@@ -61,7 +61,17 @@ struct StringRecord {
 };
 
 enum class ParamClass : uint8_t { kConstant, kUniform, kVarying, kVertex, kFaceVarying };
-enum class ParamType : uint8_t { kFloat, kInteger, kString, kColor, kPoint, kVector, kNormal, kHPoint, kMatrix };
+enum class ParamType : uint8_t {
+  kFloat,
+  kInteger,
+  kString,
+  kColor,
+  kPoint,
+  kVector,
+  kNormal,
+  kHPoint,
+  kMatrix
+};
 
 /// One typed value or array: shader parameter, primitive variable, option, attribute.
 struct ParamRecord {
@@ -71,7 +81,8 @@ struct ParamRecord {
   uint16_t pad;
   uint32_t arrayLength;  // 1 for a scalar declaration
   uint32_t pad2;
-  Range values;  // floats (also for points, colours, matrices), int32s or StringIds; count counts those numbers
+  Range
+      values;  // floats (also for points, colours, matrices), int32s or StringIds; count counts those numbers
 };
 
 /// Object, shader or camera space to world, with motion keys. One key: not moving.
@@ -86,13 +97,13 @@ enum class ShaderKind : uint32_t { kSurface, kDisplacement, kLight, kVolume, kIm
 struct ShaderRecord {
   StringId name;
   ShaderKind kind;
-  TransformId transform;  // shader space -> world
-  Slice params;           // into params
-  uint32_t lightFlags;    // kLightShadows | ...
-  uint32_t lightSamples;  // Attribute "light" "nsamples"
+  TransformId transform;     // shader space -> world
+  Slice params;              // into params
+  uint32_t lightFlags;       // kLightShadows | ...
+  uint32_t lightSamples;     // Attribute "light" "nsamples"
   uint32_t areaLightObject;  // first object of an area light, else kNone
-  StringId handle;        // light handle as text, "" otherwise
-  uint32_t attributes;    // for lights: the attribute state at declaration (kNone: none)
+  StringId handle;           // light handle as text, "" otherwise
+  uint32_t attributes;       // for lights: the attribute state at declaration (kNone: none)
   uint32_t pad;
 };
 inline constexpr uint32_t kLightShadows = 1;  // Attribute "light" "shadows" "on"
@@ -111,13 +122,19 @@ enum AttributeFlags : uint32_t {
   kMatte = 1,
   kSmoothShading = 2,       // ShadingInterpolation "smooth"
   kReverseOrientation = 4,  // outcome of Orientation/ReverseOrientation against the handedness of the CTM:
-                            // set when N = dPdu x dPdv has to be flipped, both taken in current = camera space. (In
-                            // cache space the product is flipped once more when world to camera mirrors.) Polygons:
-                            // dPdu x dPdv stands for (v1 - v0) x (v2 - v0).
-  kRayDisplacements = 8,    // rays see the displaced surface (default); clear: undisplaced
+                            // set when N = dPdu x dPdv has to be flipped, both taken in current = camera
+                            // space. (In cache space the product is flipped once more when world to camera
+                            // mirrors.) Polygons: dPdu x dPdv stands for (v1 - v0) x (v2 - v0).
+  kRayDisplacements = 8,  // rays see the displaced surface (default); clear: undisplaced
   kDoubleShaded = 16,
-  kReverseInCacheSpace = 32,  // the same outcome for dPdu x dPdv computed in cache space (differs from kReverseOrientation
-                              // when the camera transform is mirrored): what dicing and tracing use
+  kReverseInCacheSpace =
+      32,  // the same outcome for dPdu x dPdv computed in cache space (differs from kReverseOrientation
+           // when the camera transform is mirrored): what dicing and tracing use
+  kNoSpecularRays = 64,          // Attribute "visibility" "specular" [0] where "diffuse" is not 0
+  kNoDiffuseRays = 128,          // and the other way round
+  kCameraHitsPrimitive = 256,    // Attribute "shade" "camerahitmode" "primitive": colour and opacity of the
+  kSpecularHitsPrimitive = 512,  // attributes, no shader; "specularhitmode",
+  kDiffuseHitsPrimitive = 1024,  // "diffusehitmode"
 };
 
 /// One attribute state, stored once for all primitives made under it.
@@ -125,26 +142,34 @@ struct AttributeRecord {
   Color color;
   Color opacity;
   float shadingRate;
-  float patchMultiplier;     // Attribute "render" "patch_multiplier"; < 0: not set
-  float displacementBound;   // world units, already scaled from its coordinate system
-  uint32_t flags;            // AttributeFlags
-  uint32_t sides;            // 1 or 2
-  uint32_t visibility;       // kVisible* bits
+  float patchMultiplier;    // Attribute "render" "patch_multiplier"; < 0: not set
+  float displacementBound;  // world units, already scaled from its coordinate system
+  uint32_t flags;           // AttributeFlags
+  uint32_t sides;           // 1 or 2
+  uint32_t visibility;      // kVisible* bits
   CastsShadows castsShadows;
   uint8_t pad[3];
   ShaderId surface, displacement, atmosphere, interior, exterior;  // kNone: none
-  Slice lights;       // into lightLists (ShaderIds), those on
-  StringId name;      // Attribute "identifier" "name"
-  Slice attributes;   // into params: every Attribute as "category:name"
+  Slice lights;                                                    // into lightLists (ShaderIds), those on
+  StringId name;                                                   // Attribute "identifier" "name"
+  Slice attributes;  // into params: every Attribute as "category:name"
   float textureCoordinates[8];
-  float bias;         // Attribute "trace" "bias"; < 0: not set
-  uint32_t groups;    // StringId of grouping:membership
-  uint32_t pad2[2];
+  float bias;          // Attribute "trace" "bias"; < 0: not set
+  uint32_t groups;     // StringId of grouping:membership
+  uint32_t areaLight;  // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
+  uint32_t pad2;
 };
 
 enum class PrimitiveType : uint8_t {
-  kSphere, kCone, kCylinder, kHyperboloid, kParaboloid, kDisk, kTorus,
-  kBilinearPatches,  // Patch/PatchMesh "bilinear", and polygons large enough to be diced: one root patch a face
+  kSphere,
+  kCone,
+  kCylinder,
+  kHyperboloid,
+  kParaboloid,
+  kDisk,
+  kTorus,
+  kBilinearPatches,  // Patch/PatchMesh "bilinear", and polygons large enough to be diced: one root patch a
+                     // face
   kBicubicPatches,
   kSubdivision,
   kMeshlets,  // dense polygon mesh: one root patch (node) a meshlet
@@ -153,17 +178,18 @@ enum class PrimitiveType : uint8_t {
 /// One primitive of the scene.
 struct ObjectRecord {
   PrimitiveType type;
-  uint8_t sides;            // kForReyes | kForTracer
-  uint16_t keyCount;        // motion keys of the source, 1 = still
+  uint8_t sides;      // kForReyes | kForTracer
+  uint16_t keyCount;  // motion keys of the source, 1 = still
   AttributeId attributes;
-  TransformId transform;    // object -> world
-  uint32_t surfaceGroup;    // objects that may be pieces of one surface share it (same attribute state and transform)
-  Slice primvars;           // into params, without P, Pw, Pz
-  NodeId firstPatch;        // root patches [firstPatch, firstPatch + patchCount)
+  TransformId transform;  // object -> world
+  uint32_t surfaceGroup;  // objects that may be pieces of one surface share it (same attribute state and
+                          // transform)
+  Slice primvars;         // into params, without P, Pw, Pz
+  NodeId firstPatch;      // root patches [firstPatch, firstPatch + patchCount)
   uint32_t patchCount;
-  Box3f bound;              // cache space, displacement included
-  Range source;             // type-specific bytes of the primitive (scene_cache/primitive_source.h)
-  uint32_t locationFile;    // StringId: where the primitive stands in the RIB
+  Box3f bound;            // cache space, displacement included
+  Range source;           // type-specific bytes of the primitive (scene_cache/primitive_source.h)
+  uint32_t locationFile;  // StringId: where the primitive stands in the RIB
   uint32_t locationLine;
 };
 
@@ -182,26 +208,26 @@ struct RootPatchRecord {
   uint32_t face;       // index of the face, patch or meshlet within the primitive
   uint32_t firstEdge;  // into edges, 8 records; kNone: this patch evaluates its own borders
   uint32_t pad;
-  Box3f bound;         // cache space, displacement included
+  Box3f bound;  // cache space, displacement included
 };
 
-// Node states (low 2 bits of PatchNode::state). The rest: kBuilding: owner slot (8 bits) and generation; kGrid:
-// byte offset of the GridRecord in the arena, shifted left by 2; kSplit: NodeId of the first of two children << 2, and
-// bit 63 says that the split is in v.
-// Transitions: empty -> building (compare-and-swap by the claimer), building -> grid | split (release store by
-// the owner), building of a dead owner -> building (compare-and-swap by the next). Nobody waits for anything
-// while holding a claim.
+// Node states (low 2 bits of PatchNode::state). The rest: kBuilding: owner slot (8 bits) and generation;
+// kGrid: byte offset of the GridRecord in the arena, shifted left by 2; kSplit: NodeId of the first of two
+// children << 2, and bit 63 says that the split is in v. Transitions: empty -> building (compare-and-swap by
+// the claimer), building -> grid | split (release store by the owner), building of a dead owner -> building
+// (compare-and-swap by the next). Nobody waits for anything while holding a claim.
 enum class NodeState : uint64_t { kEmpty = 0, kBuilding = 1, kGrid = 2, kSplit = 3 };
 
 /// A patch: a dyadic rectangle of a root patch's (u,v).
 struct alignas(64) PatchNode {
   std::atomic<uint64_t> state;
-  uint32_t root;           // index of the root patch
-  uint32_t iu, iv;         // u0 = iu / 2^du, u1 = (iu + 1) / 2^du; same in v
+  uint32_t root;    // index of the root patch
+  uint32_t iu, iv;  // u0 = iu / 2^du, u1 = (iu + 1) / 2^du; same in v
   uint8_t du, dv;
-  uint8_t edgeRootDepth[4];  // depth of the dyadic interval that each border (v0, u1, v1, u0) was created with
+  uint8_t
+      edgeRootDepth[4];  // depth of the dyadic interval that each border (v0, u1, v1, u0) was created with
   uint16_t pad;
-  Box3f bound;             // cache space, displacement included (by its declared bound; GridRecord::bound is measured)
+  Box3f bound;  // cache space, displacement included (by its declared bound; GridRecord::bound is measured)
   uint32_t pad2[2];
 };
 static_assert(sizeof(PatchNode) == 64);
@@ -209,46 +235,49 @@ static_assert(sizeof(PatchNode) == 64);
 enum class GridKind : uint8_t { kGrid = 0, kMeshlet = 1 };
 
 /// A diced patch. Vertices are cache-space floats.
-/// kGrid: (nu + 1) x (nv + 1) vertices, rows `rowStride` vertices apart (padded so that strides 2..16 stay inside).
-/// kMeshlet: nu vertices, nv triangles, 3 uint8 indices each.
+/// kGrid: (nu + 1) x (nv + 1) vertices, rows `rowStride` vertices apart (padded so that strides 2..16 stay
+/// inside). kMeshlet: nu vertices, nv triangles, 3 uint8 indices each.
 struct alignas(64) GridRecord {
   NodeId node;
   GridKind kind;
-  uint8_t keyCount;     // position keys, equally spaced over the shutter
-  uint8_t levels;       // usable strides: 1, 2, .. 2^(levels-1)
-  uint8_t flags;        // kGridHasNormals
+  uint8_t keyCount;  // position keys, equally spaced over the shutter
+  uint8_t levels;    // usable strides: 1, 2, .. 2^(levels-1)
+  uint8_t flags;     // kGridHasNormals
   uint16_t nu, nv;
-  uint32_t rowStride;   // in vertices
-  uint64_t positions;   // arena offset of key 0; multiple of kPositionAlign
-  uint64_t keyBytes;    // distance between keys
-  uint64_t normals;     // arena offset of float[3] per vertex (dense, (nu+1)*(nv+1)), 0: none
-  uint64_t indices;     // meshlet triangles, 0: none
-  float deviation[kLevels];  // largest measured distance of stride 2^i to the stride-1 surface (index 0: to the true one)
-  float cellSize;       // longest cell diagonal at stride 1
-  Box3f bound;          // of these vertices, all keys; honest even when a displacement went beyond its bound
-  uint8_t edgeShift[4];  // kGrid: along borders v0, u1, v1, u0 only every 2^edgeShift-th vertex of the border's line is
-                         // kept, the others collapse onto the next lower one (neighbours then agree)
+  uint32_t rowStride;        // in vertices
+  uint64_t positions;        // arena offset of key 0; multiple of kPositionAlign
+  uint64_t keyBytes;         // distance between keys
+  uint64_t normals;          // arena offset of float[3] per vertex (dense, (nu+1)*(nv+1)), 0: none
+  uint64_t indices;          // meshlet triangles, 0: none
+  float deviation[kLevels];  // largest measured distance of stride 2^i to the stride-1 surface (index 0: to
+                             // the true one)
+  float cellSize;            // longest cell diagonal at stride 1
+  Box3f bound;  // of these vertices, all keys; honest even when a displacement went beyond its bound
+  uint8_t
+      edgeShift[4];  // kGrid: along borders v0, u1, v1, u0 only every 2^edgeShift-th vertex of the border's
+                     // line is kept, the others collapse onto the next lower one (neighbours then agree)
   uint32_t pad;
 };
 inline constexpr uint8_t kGridHasNormals = 1;
 
-// ---- frame-wide records --------------------------------------------------------------------------------------
+// ---- frame-wide records
+// --------------------------------------------------------------------------------------
 
 enum class ProjectionType : uint32_t { kOrthographic, kPerspective };
 
 struct CameraRecord {
   TransformId worldToCamera;
   ProjectionType projection;
-  float fov;                 // degrees, full angle of the shorter image side
-  float screenWindow[4];     // left right bottom top
+  float fov;              // degrees, full angle of the shorter image side
+  float screenWindow[4];  // left right bottom top
   int32_t resolution[2];
   float pixelAspect;
   float frameAspect;
   float cropWindow[4];
-  int32_t cropPixels[4];     // xmin xmax ymin ymax, inclusive, by RISpec's rule
+  int32_t cropPixels[4];  // xmin xmax ymin ymax, inclusive, by RISpec's rule
   float clipping[2];
   float shutter[2];
-  float dof[3];              // fstop focallength focaldistance; fstop >= kRiInfinity: pinhole
+  float dof[3];  // fstop focallength focaldistance; fstop >= kRiInfinity: pinhole
 };
 
 struct DisplayRecord {
@@ -276,33 +305,34 @@ struct OptionsRecord {
   uint32_t pad;
 };
 
-/// First bytes of a skeleton. `checksum` (XXH3-64 of all that follows the header) and `magic` are written last.
+/// First bytes of a skeleton. `checksum` (XXH3-64 of all that follows the header) and `magic` are written
+/// last.
 struct SkeletonHeader {
   uint64_t magic;
   uint32_t version;
-  uint32_t byteOrder;       // 0x01020304
-  uint64_t layout;          // layoutFingerprint() of the writer's build
+  uint32_t byteOrder;  // 0x01020304
+  uint64_t layout;     // layoutFingerprint() of the writer's build
   uint64_t totalBytes;
   uint64_t checksum;
-  DVec3 cacheOrigin;        // cache space = world space - cacheOrigin
-  Range strings;            // StringRecord
-  Range params;             // ParamRecord
-  Range transforms;         // TransformRecord
-  Range shaders;            // ShaderRecord
-  Range lightLists;         // ShaderId
-  Range namedSpaces;        // NamedSpaceRecord
-  Range attributes;         // AttributeRecord
-  Range objects;            // ObjectRecord
-  Range rootPatches;        // RootPatchRecord
-  Range edges;              // EdgeRecord
-  Range displays;           // DisplayRecord
-  Range camera;             // CameraRecord, 1
-  Range options;            // OptionsRecord, 1
-  Range searchPaths;        // StringId: shader texture archive procedural display
+  DVec3 cacheOrigin;  // cache space = world space - cacheOrigin
+  Range strings;      // StringRecord
+  Range params;       // ParamRecord
+  Range transforms;   // TransformRecord
+  Range shaders;      // ShaderRecord
+  Range lightLists;   // ShaderId
+  Range namedSpaces;  // NamedSpaceRecord
+  Range attributes;   // AttributeRecord
+  Range objects;      // ObjectRecord
+  Range rootPatches;  // RootPatchRecord
+  Range edges;        // EdgeRecord
+  Range displays;     // DisplayRecord
+  Range camera;       // CameraRecord, 1
+  Range options;      // OptionsRecord, 1
+  Range searchPaths;  // StringId: shader texture archive procedural display
 };
 
 template <class T>
-inline constexpr bool isRecord = std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
+inline constexpr bool isRecord = std::is_trivially_copyable_v<T>&& std::is_standard_layout_v<T>;
 static_assert(isRecord<SkeletonHeader> && isRecord<ObjectRecord> && isRecord<AttributeRecord> &&
               isRecord<GridRecord> && isRecord<CameraRecord> && isRecord<OptionsRecord>);
 

@@ -224,12 +224,6 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
   StateRenderer::onInstance(object, attributes, objectToWorld);
 }
 
-void SceneBuilder::onLight(const ri::LightInstance& light) {
-  if (light.isArea)
-    notImplemented("sampling of AreaLightSource", "the light shines from its shader's own position",
-                   light.shader ? light.shader->location : location());
-}
-
 void SceneBuilder::onSolidBegin(const std::string& operation) {
   if (operation != "primitive" && operation != "union")
     notImplemented("SolidBegin \"" + operation + "\"", "its parts are rendered as they are", location());

@@ -63,7 +63,6 @@ class SceneBuilder : public ri::StateRenderer {
   void onWorldEnd() override;
   void onPrimitive(const ri::PlacedPrimitive& p) override;
   void onProcedural(const ri::PlacedProcedural& p) override;
-  void onLight(const ri::LightInstance& light) override;
   void onSolidBegin(const std::string& operation) override;
   void onMakeTexture(ri::MakeKind kind, const ri::MakeTextureArgs& args) override;
   void onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,

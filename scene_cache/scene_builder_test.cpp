@@ -413,7 +413,10 @@ TEST(SceneBuilder, AreaLightKnowsItsFirstObject) {
   const auto lights = s.lightList(stateOf(s, 2).lights);
   ASSERT_EQ(lights.size(), 1u);
   EXPECT_EQ(s.shaders()[lights[0]].areaLightObject, 0u);
-  EXPECT_EQ(b.count(RiError::kUnimplemented), 1u);
+  EXPECT_EQ(stateOf(s, 0).areaLight, lights[0] + 1);
+  EXPECT_EQ(stateOf(s, 1).areaLight, lights[0] + 1);
+  EXPECT_EQ(stateOf(s, 2).areaLight, 0u);
+  EXPECT_EQ(b.count(RiError::kUnimplemented), 0u);
 }
 
 TEST(SceneBuilder, NamedSpaces) {

@@ -180,6 +180,8 @@ class Checker {
             shaderOfKind(a.atmosphere, ShaderKind::kVolume, what, i, "atmosphere") &&
             shaderOfKind(a.interior, ShaderKind::kVolume, what, i, "interior") &&
             shaderOfKind(a.exterior, ShaderKind::kVolume, what, i, "exterior") &&
+            shaderOfKind(a.areaLight == 0 ? kNone : a.areaLight - 1, ShaderKind::kLight, what, i,
+                         "area light") &&
             slice(a.lights, h_.lightLists, what, i, "lights") &&
             id(a.name, h_.strings, false, what, i, "name") &&
             slice(a.attributes, h_.params, what, i, "attributes") &&

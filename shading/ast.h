@@ -15,15 +15,16 @@ enum class ExprKind : uint8_t {
   kNumber,
   kString,
   kName,
-  kIndex,    // name[args0]
-  kCall,     // name(args)
-  kTuple,    // (3 or 16 args)
-  kCast,     // type [text = space] args0
-  kUnary,    // text args0
-  kBinary,   // args0 text args1
-  kTernary,  // args0 ? args1 : args2
-  kAssign,   // args0 text args1
-  kList,     // { args }: array initialisers only
+  kIndex,      // name[args0]
+  kCall,       // name(args)
+  kTuple,      // (3 or 16 args)
+  kCast,       // type [text = space] args0
+  kUnary,      // text args0
+  kBinary,     // args0 text args1
+  kTernary,    // args0 ? args1 : args2
+  kAssign,     // args0 text args1
+  kList,       // { args }: array initialisers only
+  kComponent,  // args0 [ args1 ]: component of a triple that is no plain variable
 };
 
 struct Expr {

@@ -135,6 +135,7 @@ class Lower {
   Value convert(Value v, SlType type, const SourcePlace& place, bool explicitCast = false);
   Value condition(const Expr& e);
   Value nameValue(const Expr& e);
+  Value componentValue(const ast::Expr& e);
   Value indexValue(const Expr& e);
   Value castValue(const Expr& e);
   Value tupleValue(const Expr& e, SlType type);

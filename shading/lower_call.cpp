@@ -112,7 +112,7 @@ void Lower::storeOutputs(const Outputs& outputs) {
     if (!b) continue;
     Value index;
     if (target->kind == ExprKind::kIndex) {
-      if (!b->isArray) {
+      if (!b->isArray && !isTriple(b->type)) {
         error(target->place, fmt::format("'{}' is not an array", target->text));
         continue;
       }

@@ -22,6 +22,8 @@ Value Lower::expression(const Expr& e, Want want) {
       return nameValue(e);
     case ExprKind::kIndex:
       return indexValue(e);
+    case ExprKind::kComponent:
+      return componentValue(e);
     case ExprKind::kCall:
       return call(e, want);
     case ExprKind::kTuple:
@@ -100,6 +102,19 @@ Value Lower::nameValue(const Expr& e) {
   return {read(*b), b->type};
 }
 
+/// An extension that later shaders use: `(a + b)[1]`, `Ci[0]`. RSL 3.2 has comp() alone.
+Value Lower::componentValue(const Expr& e) {
+  Value v = expression(*e.args[0], {SlType::kColor, false});
+  Value index = converted(*e.args[1], SlType::kFloat);
+  if (!v.ok() || !index.ok()) return {};
+  if (!isTriple(v.type)) {
+    error(e.place, fmt::format("a {} has no components", slTypeName(v.type)));
+    return {};
+  }
+  at(e.place);
+  return {b_.result(Op::comp_t, SlType::kFloat, {v.symbol, index.symbol}), SlType::kFloat};
+}
+
 Value Lower::indexValue(const Expr& e) {
   Binding* b = find(e.text, e.place);
   if (!b) {
@@ -110,10 +125,11 @@ Value Lower::indexValue(const Expr& e) {
   Value index = converted(*e.args[0], SlType::kFloat);
   if (!index.ok()) return {};
   at(e.place);
+  if (!b->isArray && isTriple(b->type))
+    return {b_.result(Op::comp_t, SlType::kFloat, {read(*b), index.symbol}), SlType::kFloat};
   if (!b->isArray) {
-    // Components of triples are not elements in RSL 3.2, but everyone tries.
     error(e.place, fmt::format("'{}' is not an array", e.text),
-          isTriple(b->type) ? "components are comp(c, i), xcomp(p), ycomp(p), zcomp(p)" : "");
+          b->type == SlType::kMatrix ? "elements of a matrix are comp(m, row, column)" : "");
     return {};
   }
   if (b_.isConstant(index.symbol)) {
@@ -342,6 +358,10 @@ void Lower::store(const Expr& target, Binding& b, Value index, Value v) {
     b_.assign(b.symbol, v.symbol);
     return;
   }
+  if (!b.isArray) {
+    b_.emit(Op::setcomp_t, {b.symbol, index.symbol, v.symbol});
+    return;
+  }
   const Op op = b.type == SlType::kFloat    ? Op::store_f
                 : isTriple(b.type)          ? Op::store_t
                 : b.type == SlType::kMatrix ? Op::store_m
@@ -356,19 +376,20 @@ Value Lower::assignValue(const Expr& e) {
     error(target.place, fmt::format("'{}' is an array: it cannot be assigned as a whole", target.text));
     b = nullptr;
   }
-  if (b && target.kind == ExprKind::kIndex && !b->isArray) {
+  const bool component = b && target.kind == ExprKind::kIndex && !b->isArray && isTriple(b->type);
+  if (b && target.kind == ExprKind::kIndex && !b->isArray && !component) {
     error(target.place, fmt::format("'{}' is not an array", target.text),
-          isTriple(b->type) ? "use setcomp(c, i, value) or setxcomp(p, value)" : "");
+          b->type == SlType::kMatrix ? "use setcomp(m, row, column, value)" : "");
     b = nullptr;
   }
-  const SlType type = b ? b->type : SlType::kVoid;
+  const SlType type = component ? SlType::kFloat : b ? b->type : SlType::kVoid;
   Value index;
   if (target.kind == ExprKind::kIndex) index = converted(*target.args[0], SlType::kFloat);
   Value v = expression(*e.args[1], {type, e.text == "="});
   if (!b || !v.ok() || (target.kind == ExprKind::kIndex && !index.ok())) return {};
   if (target.kind == ExprKind::kIndex && b_.isConstant(index.symbol)) {
     const float i = b_.constantValue(index.symbol)[0];
-    const uint32_t n = b_.symbol(b->symbol).arrayLength;
+    const uint32_t n = component ? 3 : b_.symbol(b->symbol).arrayLength;
     if (i < 0 || i >= float(n))
       error(target.place,
             fmt::format("index {} is outside of '{}', which has {} elements", i, target.text, n));

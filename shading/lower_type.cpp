@@ -72,8 +72,11 @@ SlType Lower::computeType(const Expr& e, Want want) {
     case ExprKind::kName:
     case ExprKind::kIndex: {
       Binding* b = findFrom(scope_, e.text, nullptr);
+      if (b && e.kind == ExprKind::kIndex && !b->isArray && isTriple(b->type)) return SlType::kFloat;
       return b ? b->type : SlType::kVoid;
     }
+    case ExprKind::kComponent:
+      return SlType::kFloat;
     case ExprKind::kCall:
       return resolve(e, want).result;
     case ExprKind::kTuple:

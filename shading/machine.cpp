@@ -11,6 +11,9 @@ namespace fr {
 namespace {
 /// More turns than any shader needs, fewer than a user would wait for.
 constexpr uint32_t kMaxTurns = 1u << 20;
+/// Every sample of an area light keeps its own results.
+constexpr uint32_t kMostLightSamples = 256;
+constexpr uint64_t kUncounted = ~uint64_t(0);
 alignas(64) constexpr int32_t kAllActive[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
                                                       -1, -1, -1, -1, -1, -1, -1, -1};
 
@@ -26,20 +29,6 @@ void runHelper(Helper h, std::initializer_list<Operand> args, uint32_t lanes, co
 void DerivativeStencil::resize(size_t lanes) {
   for (auto* v : {&uLo, &uHi, &vLo, &vHi}) v->assign(lanes, 0);
   for (auto* v : {&uScale, &vScale, &uCell, &vCell}) v->assign(lanes, 0.0f);
-}
-
-void PendingRays::missAll() {
-  for (uint32_t i = 0; i < count; ++i) {
-    const float c = kind == RayKind::kVisibility ? 1.0f : 0.0f;
-    for (int k = 0; k < 3; ++k) {
-      color[k][i] = c;
-      hitP[k][i] = hitN[k][i] = 0;
-      missP[k][i] = origin[k][i];
-      missR[k][i] = direction[k][i];
-    }
-    hitDistance[i] = kind == RayKind::kFullTrace ? kNoHitFullTrace : kNoHit;
-    missDepth[i] = 1;
-  }
 }
 
 Machine::Machine(const ShaderHost& host) : host_(host) {}
@@ -83,11 +72,20 @@ void Machine::begin(const Batch& batch, const ShaderInstance& shader,
       std::memcpy(out.comp(c), o.values.comp(c), batch.lanes * sizeof(float));
   }
   main_.start(batch.mask);
-  lightCount_ = uint32_t(lights.size());
-  while (lights_.size() < lightCount_) lights_.push_back(std::make_unique<LightState>());
-  for (uint32_t i = 0; i < lightCount_; ++i) {
-    lights_[i]->instance = lights[i];
-    lights_[i]->begun = false;
+  lightCount_ = 0;
+  for (const ShaderInstance* light : lights) {
+    // An area light is one light for each of its samples. Diffuse rays are averaged anyway: one is enough.
+    const bool area = light->emitter && light->emitter->ready();
+    const uint32_t samples =
+        area && batch.diffuseDepth == 0 ? std::clamp(light->samples, 1u, kMostLightSamples) : 1;
+    for (uint32_t k = 0; k < samples; ++k) {
+      if (lights_.size() == lightCount_) lights_.push_back(std::make_unique<LightState>());
+      LightState& l = *lights_[lightCount_++];
+      l.instance = light;
+      l.begun = false;
+      l.emitter = area ? light->emitter.get() : nullptr;
+      l.sample = k, l.samples = samples;
+    }
   }
   stack_.clear();
   stack_.reserve(4);
@@ -142,11 +140,14 @@ ShaderValue Machine::runDefault(const Parameter& p) {
 Machine::Next Machine::execute(Frame& f) {
   const std::vector<Step>& steps = f.exe().steps();
   const uint32_t end = f.end;
+  // Active points are counted once for all instructions between two changes of the mask.
+  uint64_t active = kUncounted;
   while (f.pc < end) {
     const Step& s = steps[f.pc];
     if (s.control) {
       const Next n = control(f, s);
       if (n != Next::kGo) return n;
+      active = kUncounted;
       continue;
     }
     if (!f.active) {
@@ -160,11 +161,20 @@ Machine::Next Machine::execute(Frame& f) {
       c.argCount = s.argCount;
       c.lanes = s.varying ? f.lanes() : kLanePad;
       c.mask = s.varying ? f.mask : kAllActive;
+      if (s.varying) {
+        if (active == kUncounted) {
+          int32_t sum = 0;
+          for (uint32_t i = 0; i < c.lanes; ++i) sum -= f.mask[i];
+          active = uint64_t(sum);
+        }
+        statistics_.lanesActive += active, statistics_.lanesTotal += c.lanes;
+      }
       s.kernel(c);
       ++f.pc;
       continue;
     }
-    if (opInfo(s.op).flags & kOpRay) {
+    const uint32_t flags = opInfo(s.op).flags;
+    if ((flags & kOpRay) || ((flags & kOpTexture) && asksByMapName(f, s))) {
       if (rayOp(f, s) == Next::kSuspend) return Next::kSuspend;
       ++f.pc;
       continue;

@@ -49,6 +49,12 @@ struct Batch {
   const uint64_t* seed = nullptr;                  // per lane
   uint64_t batchSeed = 0;
   uint32_t level = 0;  // raylevel()
+  // Of the rays that hit the points, and how deep rays may go on (Attribute "trace" "maxdiffusedepth",
+  // "maxspeculardepth").
+  RayClass rayClass = RayClass::kSpecular;
+  uint32_t diffuseDepth = 0, shadowDepth = 0;
+  uint32_t maxDiffuseDepth = 1, maxSpecularDepth = ~0u;
+  float specularThreshold = 0.17453293f;  // gather() in a wider cone asks diffuse rays; radians
   bool shadowRay = false;
   bool raysAllowed = true;  // false: every ray misses, with one warning (displacement, imager)
   std::string_view rayLabel;
@@ -76,10 +82,13 @@ struct PendingRays {
   uint64_t seed[kMaxRays];
   bool onSurface[kMaxRays];  // starts at the lane's own point: its patch and normal go with the ray
   bool single = false;       // one ray stands for all points: its operands were uniform
+  RayTerms terms;            // lengths in current space
+  float pair[2][kMaxRays];   // the random numbers that chose the direction
   // Answers, written by the owner before run() is called again.
   float color[3][kMaxRays];
   float hitDistance[kMaxRays], missDepth[kMaxRays];
   float hitP[3][kMaxRays], hitN[3][kMaxRays], missP[3][kMaxRays], missR[3][kMaxRays];
+  float extra[kMaxExtraAnswers][kMaxRays];
   /// The answers of an empty scene.
   void missAll();
 };
@@ -104,6 +113,7 @@ class Machine {
     const ShaderInstance* atmosphere = nullptr;
     const ShaderInstance* interior = nullptr;
     const ShaderInstance* exterior = nullptr;
+    Machine* ranSurface = nullptr;  // for volumes: the machine in which the surface shader has run
   };
   void begin(const Batch& batch, const ShaderInstance& shader, std::span<const ShaderInstance* const> lights,
              const Partners& partners);
@@ -138,13 +148,24 @@ class Machine {
   bool matchesCategory(const LightState& l, std::string_view category) const;
   void emit(Frame& f, const Step& s);
   bool sendToLight(Frame& f, const Step& s, LightState& l);
-  // machine_ray.cpp
+  void placeOnEmitter(LightState& l, const int32_t* need);
+  void dimByEmitter(LightState& l, const int32_t* need);
+  LightState* lightOf(const Frame& f) const;
+  // machine_raycall.cpp
   Next rayOp(Frame& f, const Step& s);
   Next gatherTurn(Frame& f);
+  struct RayCall;
+  void describe(Frame& f, const Step& s, RayCall& c);
+  void accumulate(const RayCall& c);
+  void finish(Frame& f, const Step& s, const RayCall& c);
+  void readTerms(Frame& f, const Step& s, uint32_t fixed, RayTerms& t);
+  void wantExtras(Frame& f, const Step& s, uint32_t fixed, RayTerms& t);
+  bool aimAtLight(Frame& f, const RayCall& c);
+  bool asksByMapName(Frame& f, const Step& s) const;
+  // machine_ray.cpp
   struct Question;
-  bool ask(const Question& q);
+  bool ask(Question& q);
   void computeFootprints();
-  void accumulate(const Question& q, const int32_t* mask, float maxDistance, float falloff);
   void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
   std::string_view optionString(Frame& f, const Step& s, uint32_t fixed, std::string_view name);
@@ -202,7 +223,9 @@ class Machine {
   AlignedFloats scratch_, footprints_, texture_;
   bool footprintsKnown_ = false;
   std::deque<std::string> texts_;
-  AlignedFloats accumulator_;  // of ray operations with several samples: color, weight
+  AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
+  AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
+  std::vector<Vec2> pairs_;    // random numbers for points of a light
   MachineStatistics statistics_;
 };
 

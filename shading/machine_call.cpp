@@ -65,6 +65,10 @@ void Machine::call(Frame& f, const Step& s) {
       return setFloat(f, a[0], float(batch_.level));
     case Op::isshadowray:
       return setFloat(f, a[0], batch_.shadowRay ? 1.0f : 0.0f);
+    case Op::isindirectray:
+      return setFloat(
+          f, a[0],
+          batch_.level > 0 && !batch_.shadowRay && batch_.rayClass == RayClass::kDiffuse ? 1.0f : 0.0f);
     case Op::raylabel:
       f.strings(symbolOf(f, s, 0))[0] = batch_.rayLabel;
       return;
@@ -84,6 +88,8 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::select_s:
     case Op::concat:
     case Op::format:
+    case Op::strlen:
+    case Op::substr:
     case Op::match:
     case Op::printf:
     case Op::shadername:

@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sobol.h"
 #include "shading/machine_ray.h"
 
 namespace fr {
@@ -50,12 +51,17 @@ void Machine::beginLight(LightState& l) {
   const ShaderValue* category = l.instance->parameter("__category");
   l.category =
       category && !category->strings.empty() ? std::string_view(category->strings[0]) : std::string_view();
-  l.memory.reserve(size_t(n) * 19);
+  const size_t columns = l.emitter ? 26 : 19;
+  l.memory.reserve(size_t(n) * columns);
   float* at = l.memory.data();
   for (Operand* o : {&l.Ps, &l.N, &l.L, &l.Cl, &l.Ol}) *o = Operand{at, n, ~0u}, at += 3 * n;
   for (int32_t** m : {&l.evaluated, &l.lit, &l.shadowed, &l.scratch})
     *m = reinterpret_cast<int32_t*>(at), at += n;
-  std::memset(l.memory.data(), 0, size_t(n) * 19 * sizeof(float));
+  if (l.emitter) {
+    for (Operand* o : {&l.emitterP, &l.emitterN}) *o = Operand{at, n, ~0u}, at += 3 * n;
+    l.factor = at;
+  }
+  std::memset(l.memory.data(), 0, size_t(n) * columns * sizeof(float));
   l.frame.prepare(*l.instance, n);
   setGlobals(l.frame);
   // P is the light's own origin.
@@ -66,12 +72,46 @@ void Machine::beginLight(LightState& l) {
   }
 }
 
-/// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
-void Machine::emit(Frame& f, const Step& s) {
+Machine::LightState* Machine::lightOf(const Frame& f) const {
   const auto owner =
       std::find_if(lights_.begin(), lights_.end(), [&](const auto& l) { return &l->frame == &f; });
-  if (owner == lights_.end()) return;  // not run as a light: nothing is lit
-  LightState& l = **owner;
+  return owner == lights_.end() ? nullptr : owner->get();
+}
+
+/// Chooses the point of an area light from which it shines on each of the points of `need`.
+void Machine::placeOnEmitter(LightState& l, const int32_t* need) {
+  const uint32_t n = batch_.lanes;
+  if (pairs_.size() < n) pairs_.resize(n);
+  for (uint32_t i = 0; i < n; ++i) {
+    if (!need[i]) continue;
+    // The samples of a point are one low-discrepancy set; points and lights differ in its scramble.
+    const uint64_t seed =
+        hashStep(hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, 0xa4ea11967), l.instance->id);
+    pairs_[i] = sobolOwen2(l.sample, uint32_t(seed >> 32));
+  }
+  l.emitter->sample({l.Ps, pairs_.data(), need, n, l.emitterP, l.emitterN, l.factor});
+  for (const auto& [global, from] :
+       {std::pair(GlobalId::k_P, l.emitterP), std::pair(GlobalId::k_N, l.emitterN)}) {
+    const Operand to = l.frame.global(global);
+    if (to.data) runHelper(Helper::assignTripleMasked, {to, from}, n, need);
+  }
+}
+
+/// What the renderer adds to an area light's colour: the cosine at the light, and the mean of its samples.
+void Machine::dimByEmitter(LightState& l, const int32_t* need) {
+  const uint32_t n = batch_.lanes;
+  const float share = 1.0f / float(l.samples);
+  const bool local = !l.ambient && !l.frame.solar;
+  for (uint32_t c = 0; c < 3; ++c)
+    for (uint32_t i = 0; i < n; ++i)
+      if (need[i]) l.Cl.comp(c)[i] *= local ? share * l.factor[i] : share;
+}
+
+/// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
+void Machine::emit(Frame& f, const Step& s) {
+  LightState* const owner = lightOf(f);
+  if (!owner) return;  // not run as a light: nothing is lit
+  LightState& l = *owner;
   const uint32_t n = f.lanes();
   const Operand mask = maskOperand(f.mask, n), lit = maskOperand(f.lit, n);
   const Operand* a = f.args(s);
@@ -104,6 +144,7 @@ void Machine::collectLight(LightState& l, const int32_t* need) {
   const Operand evaluated = maskOperand(l.evaluated, n), lit = maskOperand(l.lit, n);
   const Operand Cl = l.frame.global(GlobalId::k_Cl), Ol = l.frame.global(GlobalId::k_Ol);
   if (Cl.data) runHelper(Helper::assignTripleMasked, {l.Cl, Cl}, n, need);
+  if (l.emitter) dimByEmitter(l, need);
   if (Ol.data) {
     runHelper(Helper::assignTripleMasked, {l.Ol, Ol}, n, need);
   } else {
@@ -184,7 +225,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
           return Next::kGo;
         }
         LightState& l = *lights_[size_t(c.light)];
-        if (sendToLight(f, s, l)) std::memset(l.evaluated, 0, bytes);
+        if (sendToLight(f, s, l) || optionString(f, s, lightOptions(s.op), "lightcache") == "refresh")
+          std::memset(l.evaluated, 0, bytes);
         // Points whose position (or normal, where the light reads it) has changed are forgotten.
         const Operand N = f.global(GlobalId::k_N);
         const Operand changed = maskOperand(l.scratch, n), evaluated = maskOperand(l.evaluated, n);
@@ -206,6 +248,7 @@ Machine::Next Machine::lightTurn(Frame& f) {
             const Operand o = l.frame.global(g);
             if (o.data && N.data) runHelper(Helper::assignTripleMasked, {o, l.N}, n, c.third);
           }
+          if (l.emitter) placeOnEmitter(l, c.third);
           // Unless the light says otherwise it is black and opaque.
           for (GlobalId g : {GlobalId::k_Cl, GlobalId::k_Ol}) {
             const Operand o = l.frame.global(g);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <string_view>
 
 #include "base/error.h"
 #include "base/random.h"
@@ -46,6 +47,23 @@ Vec3 unit(const Vec3& v) {
 }
 }  // namespace
 
+void PendingRays::missAll() {
+  for (uint32_t i = 0; i < count; ++i) {
+    const float c = kind == RayKind::kVisibility ? 1.0f : 0.0f;
+    for (int k = 0; k < 3; ++k) {
+      color[k][i] = c;
+      hitP[k][i] = hitN[k][i] = 0;
+      missP[k][i] = origin[k][i];
+      missR[k][i] = direction[k][i];
+    }
+    hitDistance[i] = kind == RayKind::kFullTrace ? kNoHitFullTrace : kNoHit;
+    missDepth[i] = 1;
+  }
+  if (terms.extras[0] == 0) return;
+  const float value = std::string_view(terms.extras).find("ray:transmission") == 2 ? 1.0f : 0.0f;
+  for (auto& column : extra) std::fill_n(column, count, value);
+}
+
 /// Radius and spread of every point, once per batch: given for ray hits, from the neighbours of P on grids.
 void Machine::computeFootprints() {
   const uint32_t n = batch_.lanes;
@@ -74,18 +92,22 @@ void Machine::computeFootprints() {
 
 /// Makes rays of a question. True: run() has to return. False: there is nothing to wait for; the answers of
 /// the rays, if any, are misses.
-bool Machine::ask(const Question& q) {
+bool Machine::ask(Question& q) {
   if (!rays_) rays_ = std::make_unique<PendingRays>();
   if (!footprintsKnown_) computeFootprints();
   PendingRays& r = *rays_;
   r.kind = q.kind;
   r.count = 0;
-  r.single = !q.from.varying() && !q.direction.varying() && q.cone == 0.0f;
+  r.single = !q.from.varying() && !q.direction.varying() && q.cone == 0.0f && !(q.base > 0.0f);
+  r.terms = q.terms;
+  const bool segment = q.kind == RayKind::kVisibility;
+  const bool diffuse = q.terms.rayClass == RayClass::kDiffuse;
+  r.terms.diffuseDepth = batch_.diffuseDepth + (diffuse && !segment ? 1u : 0u);
+  r.terms.shadowDepth = batch_.shadowDepth + (segment ? 1u : 0u);
   const Operand P = batch_.globals[size_t(GlobalId::k_P)];
   const DerivativeStencil* const d = batch_.stencil;
   const float* const radius = footprints_.data();
   const float* const spread = radius + batch_.lanes;
-  const bool segment = q.kind == RayKind::kVisibility;
   // Directions, and unit directions, of all lanes.
   const uint32_t n = batch_.lanes;
   const Operand raw{footprints_.data() + size_t(n) * 2, n, ~0u},
@@ -109,6 +131,22 @@ bool Machine::ask(const Question& q) {
     if (!q.mask[i]) continue;
     Vec3 from = at3(q.from, i);
     Vec3 direction = at3(raw, i);
+    uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
+    if (q.counter) seed = hashStep(seed, q.counter[i]);
+    if (q.base > 0.0f) {
+      // Anywhere on the surroundings that the point stands for.
+      const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed)) - Vec2(0.5f);
+      const auto side = [&](GlobalId tangent, GlobalId size) {
+        const Operand along = batch_.globals[size_t(tangent)], length = batch_.globals[size_t(size)];
+        return along.data && length.data ? at3(along, i) * (length.at(i) * q.base) : Vec3(0);
+      };
+      const Vec3 shift =
+          side(GlobalId::k_dPdu, GlobalId::k_du) * xi.x + side(GlobalId::k_dPdv, GlobalId::k_dv) * xi.y;
+      if (isFinite(shift)) {
+        from += shift;
+        if (q.toPoint) direction -= shift;
+      }
+    }
     if (!isFinite(from) || !isFinite(direction)) from = direction = Vec3(0);  // hits nothing
     const uint32_t k = r.count;
     r.radius[k] = radius[i];
@@ -127,8 +165,6 @@ bool Machine::ask(const Question& q) {
       direction = -direction;
       r.onSurface[k] = true;
     }
-    uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
-    if (q.counter) seed = hashStep(seed, q.counter[i]);
     if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
     if (d && d->uScale[i] != 0.0f && !r.single && !segment) {
       // How much the direction turns over the footprint.
@@ -142,8 +178,10 @@ bool Machine::ask(const Question& q) {
       const float v = turn(d->vLo[i], d->vHi[i], d->vScale[i] * d->vCell[i]);
       r.spread[k] = std::min(1.0f, std::max(r.spread[k], std::sqrt(std::max(u, v))));
     }
+    r.pair[0][k] = r.pair[1][k] = 0.5f;
     if (q.cone > 0.0f) {
       const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed >> 32));
+      r.pair[0][k] = xi.x, r.pair[1][k] = xi.y;
       const float length = segment ? glm::length(direction) : 1.0f;
       direction = sampleCone(segment ? unit(direction) : direction, q.cone, q.cosine, xi) * length;
       // The samples share the cone.
@@ -158,6 +196,19 @@ bool Machine::ask(const Question& q) {
     if (r.single) break;
   }
   if (r.count == 0) return false;
+  if (!segment) {
+    // Level of the new rays, less the diffuse ones and those of shadows.
+    const uint32_t level = batch_.level + 1, others = r.terms.diffuseDepth + r.terms.shadowDepth;
+    const uint32_t specularDepth = level > others ? level - others : 0;
+    if (diffuse ? r.terms.diffuseDepth > batch_.maxDiffuseDepth : specularDepth > batch_.maxSpecularDepth) {
+      r.missAll();
+      return false;
+    }
+  }
+  if (q.noRays) {
+    r.missAll();
+    return false;
+  }
   if (!batch_.raysAllowed) {
     reportOnce(
         "shading.rays." + main_.exe().program().name,
@@ -216,246 +267,6 @@ float Machine::optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::s
   if (o->varying())
     while (lane + 1 < f.lanes() && !f.mask[lane]) ++lane;
   return o->at(lane);
-}
-
-namespace {
-struct RayShape {
-  RayKind kind;
-  uint32_t outputs;  // written operands before the inputs
-  uint32_t fixed;    // operands before the optional ones
-};
-RayShape shapeOf(Op op) {
-  switch (op) {
-    case Op::trace_t:
-      return {RayKind::kTrace, 1, 3};
-    case Op::trace_f:
-      return {RayKind::kHitTest, 1, 3};
-    case Op::visibility:
-    case Op::transmission:
-      return {RayKind::kVisibility, 1, 3};
-    case Op::rayhittest:
-      return {RayKind::kHitTest, 3, 5};
-    case Op::fulltrace:
-      return {RayKind::kFullTrace, 7, 9};
-    case Op::occlusion:
-      return {RayKind::kHitTest, 1, 4};
-    case Op::indirectdiffuse:
-      return {RayKind::kTrace, 1, 4};
-    case Op::indirect:
-      return {RayKind::kTrace, 1, 3};
-    case Op::areashadow:
-      return {RayKind::kVisibility, 1, 3};
-    default:
-      return {RayKind::kTrace, 1, 0};
-  }
-}
-}  // namespace
-
-/// Adds one sample's answers to the running sums: color in 0..2, occlusion in 3.
-void Machine::accumulate(const Question& q, const int32_t* mask, float maxDistance, float falloff) {
-  (void)mask;
-  const PendingRays& r = *rays_;
-  const uint32_t n = batch_.lanes;
-  float* const sum = accumulator_.data();
-  for (uint32_t k = 0; k < r.count; ++k) {
-    const uint32_t i = r.lane[k];
-    const bool hit = r.hitDistance[k] < maxDistance;
-    for (uint32_t c = 0; c < 3; ++c)
-      sum[c * n + i] += q.kind == RayKind::kVisibility || hit ? r.color[c][k] : 0.0f;
-    if (hit) sum[3 * n + i] += falloff > 0 ? std::exp(-falloff * r.hitDistance[k]) : 1.0f;
-  }
-}
-
-Machine::Next Machine::rayOp(Frame& f, const Step& s) {
-  const Operand* a = f.args(s);
-  const RayShape shape = shapeOf(s.op);
-  const uint32_t n = batch_.lanes;
-  if (shape.fixed == 0) {  // photons, caustic: there is no photon map
-    reportOnce(std::string("shading.photons.") + opInfo(s.op).name,
-               Error{RiError::kUnimplemented,
-                     Severity::kWarning,
-                     {},
-                     fmt::format("{}(): photon maps are not available; black", opInfo(s.op).name)});
-    for (uint32_t c = 0; c < 3; ++c) std::fill_n(a[0].comp(c), a[0].varying() ? n : kLanePad, 0.0f);
-    return Next::kGo;
-  }
-  const bool hemisphere = s.op == Op::occlusion || s.op == Op::indirectdiffuse || s.op == Op::indirect;
-  const bool sampled =
-      hemisphere || s.op == Op::trace_t || s.op == Op::transmission || s.op == Op::visibility;
-  const float maxDistance =
-      sampled || s.op == Op::trace_f ? optionFloat(f, s, shape.fixed, "maxdist", 1e30f) : 1e38f;
-  float samples = 1;
-  if (s.op == Op::occlusion || s.op == Op::indirectdiffuse)
-    samples = a[3].at(0);
-  else if (s.op == Op::indirect)
-    samples = optionFloat(f, s, shape.fixed, "samples", float(std::max(16u, f.instance().samples)));
-  else if (sampled)
-    samples = optionFloat(f, s, shape.fixed, "samples", 1);
-
-  Question q;
-  q.kind = shape.kind;
-  q.from = a[shape.outputs];
-  q.direction = a[shape.outputs + 1];
-  q.toPoint = s.op == Op::visibility || s.op == Op::transmission;
-  q.mask = f.mask;
-  q.site = hashStep(f.instance().id, f.pc);
-  uint32_t* const counter = f.counter(s.counter);
-  q.counter = counter;
-  q.samples = uint32_t(std::clamp(samples, 1.0f, 4096.0f));
-  if (hemisphere) {
-    q.cone = optionFloat(f, s, shape.fixed, "coneangle", 1.5707963f);
-    const std::string_view distribution = optionString(f, s, shape.fixed, "distribution");
-    q.cosine = distribution != "uniform";
-  } else if (sampled) {
-    q.cone = optionFloat(f, s, shape.fixed, "samplecone", 0.0f);
-  }
-  if (!(q.cone > 0.0f) && !hemisphere) q.samples = 1;
-  if (s.op == Op::areashadow) {
-    // Towards the light's own position.
-    q.direction = f.global(GlobalId::k_P);
-    q.toPoint = true;
-    if (!q.direction.data) q.direction = q.from;
-  }
-  const bool summed = q.samples > 1 || hemisphere || s.op == Op::trace_t;
-
-  for (;;) {
-    q.sample = f.raySample;
-    if (f.rayPhase == 0) {
-      if (summed && f.raySample == 0) {
-        accumulator_.reserve(size_t(n) * 4);
-        std::memset(accumulator_.data(), 0, size_t(n) * 4 * sizeof(float));
-      }
-      const bool wait = ask(q);
-      f.rayPhase = 1;
-      if (wait) return Next::kSuspend;
-    }
-    f.rayPhase = 0;
-    if (summed)
-      accumulate(q, f.mask, maxDistance, hemisphere ? optionFloat(f, s, shape.fixed, "falloff", 0) : 0);
-    if (++f.raySample >= q.samples) break;
-  }
-  f.raySample = 0;
-  for (uint32_t i = 0; i < n; ++i) counter[i] += uint32_t(-f.mask[i]);
-
-  PendingRays& r = *rays_;
-  if (summed) {
-    const float* const sum = accumulator_.data();
-    const float scale = 1.0f / float(q.samples);
-    const bool scalar = s.op == Op::occlusion;
-    for (uint32_t k = 0; k < r.count; ++k)
-      for (uint32_t c = 0; c < 3; ++c) r.color[c][k] = sum[(scalar ? 3 : c) * n + r.lane[k]] * scale;
-    answer(a[0], scalar ? 1 : 3, r.color, f.mask);
-    return Next::kGo;
-  }
-  switch (s.op) {
-    case Op::trace_f:
-      for (uint32_t k = 0; k < r.count; ++k)
-        if (!(r.hitDistance[k] < maxDistance)) r.hitDistance[k] = kNoHit;
-      answer(a[0], 1, &r.hitDistance, f.mask);
-      break;
-    case Op::visibility:
-    case Op::transmission:
-    case Op::areashadow:
-      answer(a[0], 3, r.color, f.mask);
-      break;
-    case Op::rayhittest:
-      answer(a[0], 1, &r.hitDistance, f.mask);
-      answer(a[1], 3, r.hitP, f.mask);
-      answer(a[2], 3, r.hitN, f.mask);
-      break;
-    case Op::fulltrace:
-      answer(a[0], 1, &r.missDepth, f.mask);
-      answer(a[1], 3, r.color, f.mask);
-      answer(a[2], 1, &r.hitDistance, f.mask);
-      answer(a[3], 3, r.hitP, f.mask);
-      answer(a[4], 3, r.hitN, f.mask);
-      answer(a[5], 3, r.missP, f.mask);
-      answer(a[6], 3, r.missR, f.mask);
-      break;
-    default:
-      break;
-  }
-  return Next::kGo;
-}
-
-/// Goes on with a gather loop: the next sample's rays, then the body for the points that hit.
-Machine::Next Machine::gatherTurn(Frame& f) {
-  Control& c = f.top();
-  const Step& s = f.exe().steps()[c.begin];
-  const Operand* a = f.args(s);  // category, P, direction, angle, samples
-  const uint32_t n = f.lanes();
-  constexpr uint32_t fixed = 5;
-  uint32_t* const counter = f.counter(s.counter);
-  const auto wants = [&](uint32_t k, std::string_view prefix) {
-    return isWritten(f, s, k + 1) && text(f, s, k).substr(0, prefix.size()) == prefix;
-  };
-  for (;;) {
-    if (c.phase == Control::Phase::kNext) {
-      if (c.turns == 0) c.samples = uint32_t(std::clamp(a[4].at(0), 0.0f, 4096.0f));
-      if (c.turns >= c.samples || !any(c.other)) {
-        std::memcpy(f.mask, c.saved, n * sizeof(int32_t));
-        for (uint32_t i = 0; i < n; ++i) counter[i] += uint32_t(-f.mask[i]);
-        f.active = any(f.mask);
-        f.pop();
-        f.pc = f.exe().steps()[s.jump].jump + 1;
-        return Next::kGo;
-      }
-      Question q;
-      q.kind = RayKind::kHitTest;
-      for (uint32_t k = fixed; k + 1 < s.argCount; k += 2)
-        if (wants(k, "surface:") || wants(k, "volume:")) q.kind = RayKind::kFullTrace;
-      q.from = a[1], q.direction = a[2];
-      q.mask = c.other;
-      q.site = hashStep(f.instance().id, c.begin);
-      q.counter = counter;
-      q.cone = a[3].at(0);
-      q.cosine = optionString(f, s, fixed, "distribution") != "uniform";
-      q.sample = c.turns, q.samples = c.samples;
-      std::memcpy(f.mask, c.other, n * sizeof(int32_t));
-      const bool wait = ask(q);
-      c.phase = Control::Phase::kReturned;
-      if (wait) return Next::kSuspend;
-    }
-    ++c.turns;
-    PendingRays& r = *rays_;
-    const float maxDistance = std::min(optionFloat(f, s, fixed, "maxdist", 1e30f), 0.99e30f);
-    std::memset(c.third, 0, n * sizeof(int32_t));
-    const bool pattern = text(f, s, 0) == "samplepattern";
-    for (uint32_t k = 0; k < r.count; ++k)
-      if (!pattern && r.hitDistance[k] < maxDistance) c.third[r.lane[k]] = -1;
-    if (r.single && r.count) {
-      const int32_t hit = c.third[r.lane[0]];
-      for (uint32_t i = 0; i < n; ++i) c.third[i] = c.other[i] & hit;
-    } else if (batch_.copyPeriod) {
-      for (uint32_t i = batch_.copyPeriod; i < n; ++i)
-        c.third[i] = c.other[i] & c.third[i % batch_.copyPeriod];
-    }
-    for (uint32_t k = fixed; k + 1 < s.argCount; k += 2) {
-      if (!isWritten(f, s, k + 1)) continue;
-      const std::string_view name = text(f, s, k);
-      const Operand& out = a[k + 1];
-      const uint32_t components = slTypeFloats(f.exe().program().symbols[symbolOf(f, s, k + 1)].type);
-      if (name == "ray:length" && components == 1)
-        answer(out, 1, &r.hitDistance, c.other);
-      else if (components != 3)
-        continue;
-      else if (name == "ray:direction")
-        answer(out, 3, r.direction, c.other);
-      else if (name == "ray:origin")
-        answer(out, 3, r.origin, c.other);
-      else if (name == "primitive:P")
-        answer(out, 3, r.hitP, c.third);
-      else if (name == "primitive:N")
-        answer(out, 3, r.hitN, c.third);
-      else if (name == "surface:Ci" || name == "volume:Ci")
-        answer(out, 3, r.color, c.third);
-    }
-    std::memcpy(f.mask, c.third, n * sizeof(int32_t));
-    f.active = any(f.mask);
-    f.pc = f.active ? c.begin + 1 : s.jump;
-    c.phase = Control::Phase::kBody;
-    return Next::kGo;
-  }
 }
 
 }  // namespace fr

@@ -93,6 +93,20 @@ void Machine::stringOp(Frame& f, const Step& s) {
       }
       break;
     }
+    case Op::strlen:
+      setFloat(f, a[0], float(text(f, s, 1).size()));
+      break;
+    case Op::substr: {
+      const std::string_view whole = text(f, s, 1);
+      const float size = float(whole.size());
+      float start = a[2].at(lane);
+      if (start < 0) start += size;
+      start = std::clamp(std::floor(start), 0.0f, size);
+      const float length = a[3].at(lane) < 0 ? size : std::floor(a[3].at(lane));
+      f.strings(symbolOf(f, s, 0))[0] =
+          keep(std::string(whole.substr(size_t(start), size_t(std::clamp(length, 0.0f, size)))));
+      break;
+    }
     case Op::match: {
       bool found = false;
       try {
@@ -187,6 +201,8 @@ void Machine::message(Frame& f, const Step& s) {
     case Op::msg_surface:
       if (partners_.surface && &main_.instance() == partners_.surface)
         found = copyRegister(f, arg, out, main_, name);
+      else if (partners_.ranSurface)
+        found = copyRegister(f, arg, out, partners_.ranSurface->main_, name);
       else
         found = copyInstance(f, arg, out, partners_.surface, name);
       break;
@@ -197,11 +213,39 @@ void Machine::message(Frame& f, const Step& s) {
       found = copyInstance(f, arg, out, partners_.atmosphere, name);
       break;
     case Op::msg_incident:
-      found = copyInstance(f, arg, out, partners_.exterior, name);
+    case Op::msg_opposite: {
+      // On the ray's side is the exterior where the ray comes from outside.
+      const Operand I = batch_.globals[size_t(GlobalId::k_I)], Ng = batch_.globals[size_t(GlobalId::k_Ng)];
+      const auto outside = [&](uint32_t i) {
+        if (!I.data || !Ng.data) return true;
+        float d = 0;
+        for (uint32_t c = 0; c < 3; ++c) d += I.at(i, c) * Ng.at(i, c);
+        return !(d > 0);
+      };
+      uint32_t firstActive = 0;
+      while (firstActive + 1 < f.lanes() && !f.mask[firstActive]) ++firstActive;
+      const bool incident = s.op == Op::msg_incident;
+      const auto volumeAt = [&](uint32_t i) {
+        return outside(i) == incident ? partners_.exterior : partners_.interior;
+      };
+      const ShaderInstance* first = volumeAt(firstActive);
+      const SlType type = f.exe().program().symbols[arg].type;
+      if (!out.data || !out.varying() || type == SlType::kString) {
+        found = copyInstance(f, arg, out, first, name);
+        break;
+      }
+      // Two passes, each for the points of one side.
+      const uint32_t n = f.lanes();
+      std::vector<int32_t> saved(f.mask, f.mask + n);
+      for (const ShaderInstance* volume : {partners_.exterior, partners_.interior}) {
+        for (uint32_t i = 0; i < n; ++i) f.mask[i] = volumeAt(i) == volume ? saved[i] : 0;
+        const bool copied = volume && copyInstance(f, arg, out, volume, name);
+        if (volume == first) found = copied;
+        if (partners_.exterior == partners_.interior) break;
+      }
+      std::memcpy(f.mask, saved.data(), n * sizeof(int32_t));
       break;
-    case Op::msg_opposite:
-      found = copyInstance(f, arg, out, partners_.interior, name);
-      break;
+    }
     case Op::msg_lightsource:
       for (uint32_t k = f.depth; k-- > 0;) {
         const Control& c = f.control[k];
@@ -222,11 +266,19 @@ void Machine::message(Frame& f, const Step& s) {
     case Op::get_rayinfo: {
       if (name == "type") {
         v.type = SlType::kString;
-        v.strings = {batch_.shadowRay ? "transmission" : batch_.level == 0 ? "camera" : "specular"};
-      } else if (name == "depth" || name == "speculardepth") {
+        v.strings = {batch_.shadowRay                        ? "transmission"
+                     : batch_.level == 0                     ? "camera"
+                     : batch_.rayClass == RayClass::kDiffuse ? "diffuse"
+                                                             : "specular"};
+      } else if (name == "depth") {
         v.floats = {float(batch_.level)};
-      } else if (name == "diffusedepth" || name == "shadowdepth") {
-        v.floats = {name == "shadowdepth" && batch_.shadowRay ? 1.0f : 0.0f};
+      } else if (name == "diffusedepth") {
+        v.floats = {float(batch_.diffuseDepth)};
+      } else if (name == "shadowdepth") {
+        v.floats = {float(batch_.shadowDepth)};
+      } else if (name == "speculardepth") {
+        const uint32_t others = batch_.diffuseDepth + batch_.shadowDepth;
+        v.floats = {float(batch_.level > others ? batch_.level - others : 0)};
       } else if (name == "label") {
         v.type = SlType::kString;
         v.strings = {std::string(batch_.rayLabel)};

@@ -110,7 +110,19 @@ Expr* Parser::unary() {
     take();
     return unary();
   }
-  return primary();
+  return components(primary());
+}
+
+/// Brackets behind a value: a component of a color or point.
+Expr* Parser::components(Expr* of) {
+  while (of && peek().is("[")) {
+    Expr* e = make(ExprKind::kComponent, take().place);
+    Expr* index = expression();
+    if (!index || !expect("]", "after the index")) return nullptr;
+    e->args = {of, index};
+    of = finish(e);
+  }
+  return of;
 }
 
 Expr* Parser::cast(SlType type) {
@@ -120,7 +132,11 @@ Expr* Parser::cast(SlType type) {
     e->hasSpace = true;
     e->text = take().text;
   }
-  Expr* operand = unary();
+  // Brackets behind a cast belong to all of it: `vector noise(P)[1]`.
+  const bool sign = peek().is("-") || peek().is("+") || peek().is("!");
+  Depth depth(this);
+  if (!depth.ok) return nullptr;
+  Expr* operand = sign ? unary() : primary();
   if (!operand) return nullptr;
   e->args = {operand};
   return finish(e);

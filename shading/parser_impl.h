@@ -56,6 +56,7 @@ class Parser {
   ast::Expr* binary(int level);
   ast::Expr* unary();
   ast::Expr* primary();
+  ast::Expr* components(ast::Expr* of);
   ast::Expr* cast(SlType type);
   ast::Expr* parenthesised();
   ast::Expr* name();

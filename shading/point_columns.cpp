@@ -45,6 +45,8 @@ void PointColumns::reset(uint32_t points, uint32_t lanes, const ShadeSetup& setu
   batch_.copyPeriod = lanes > padLanes(points) ? padLanes(points) : 0;
   batch_.mask = mask;
   batch_.attributes = setup.attributes;
+  batch_.maxDiffuseDepth = setup.maxDiffuseDepth, batch_.maxSpecularDepth = setup.maxSpecularDepth;
+  batch_.specularThreshold = system_.specularThreshold;
   const cache::AttributeRecord& a = system_.scene.skeleton().attributes()[setup.attributes];
   batch_.orientation = a.flags & cache::kReverseOrientation ? -1.0f : 1.0f;
   const auto bind = [&](GlobalId g, uint32_t c) { batch_.globals[size_t(g)] = operand(c); };
@@ -90,6 +92,82 @@ void PointColumns::differencesFromStencil(bool normals, float orientation) {
   }
 }
 
+void PointColumns::describeRays(const ShadePoints& points) {
+  batch_.level = points.level;
+  batch_.shadowRay = points.shadowRay;
+  batch_.rayClass = points.rayClass;
+  batch_.diffuseDepth = points.diffuseDepth, batch_.shadowDepth = points.shadowDepth;
+  batch_.rayLabel = points.label;
+}
+
+void PointColumns::fillVolume(const ShadePoints& points, const ShadeSetup& setup) {
+  const uint32_t n = uint32_t(std::min(points.count, kMaxShadePoints));
+  reset(n, padLanes(n), setup);
+  describeRays(points);
+  const Mat3 rotate(system_.cacheToCurrent);
+  const float scale = std::cbrt(std::fabs(glm::determinant(rotate)));
+  const float far = scale > 0 ? system_.host.sceneDiameter() / scale : 0.0f;
+  distance_.assign(lanes_, 0.0f);
+  for (uint32_t i = 0; i < n; ++i) {
+    nodes_[i] = cells_[i] = cache::kNone;
+    patchU_[i] = patchV_[i] = 0;
+    seeds_[i] = points.seed ? points.seed[i] : 0;
+    const Vec3 d(points.direction[0][i], points.direction[1][i], points.direction[2][i]);
+    const Vec3 o(points.origin[0][i], points.origin[1][i], points.origin[2][i]);
+    // A ray that leaves the scene ends where nothing more can be.
+    const float start = points.segmentStart ? points.segmentStart[i] : 0.0f;
+    const float t = points.distance && points.distance[i] < 1e29f ? points.distance[i] : start + far;
+    distance_[i] = t;
+    set3(operand(kP), i, transformPoint(system_.cacheToCurrent, o + d * t));
+    const Vec3 I = rotate * (d * t);
+    const float length = glm::length(I);
+    set3(operand(kI), i, I);
+    const Vec3 N = length > 0 ? I / -length : Vec3(0, 0, -1);
+    set3(operand(kN), i, N), set3(operand(kNg), i, N);
+    const float radius = points.radius ? points.radius[i] : 0.0f;
+    column(kRadius)[i] = std::isfinite(radius) ? radius : 0.0f;
+    column(kSpread)[i] = points.spread && std::isfinite(points.spread[i]) ? points.spread[i] : 0.0f;
+  }
+  for (uint32_t i = n; i < lanes_; ++i) nodes_[i] = cells_[i] = cache::kNone;
+  batch_.footprint = operand(kRadius), batch_.spread = operand(kSpread);
+  const cache::AttributeRecord& a = system_.scene.skeleton().attributes()[setup.attributes];
+  for (uint32_t c = 0; c < 3; ++c) {
+    std::fill_n(column(kCs + c), lanes_, a.color[int(c)]);
+    std::fill_n(column(kOs + c), lanes_, a.opacity[int(c)]);
+  }
+  batch_.seed = seeds_.data();
+  object_.assign(lanes_, 0);
+  objects_.assign(1, cache::kNone);
+  batch_.object = object_.data();
+  batch_.objects = objects_;
+}
+
+const float* PointColumns::primvar(std::string_view name, uint32_t component) const {
+  const cache::Skeleton& skeleton = system_.scene.skeleton();
+  for (auto& p : primvar_) p.assign(lanes_, 0.0f);
+  bool any = false;
+  for (uint32_t i = 0; i < count_; ++i) {
+    const cache::ObjectRecord& object = system_.scene.objectOf(nodes_[i]);
+    const cache::ParamRecord* r = skeleton.find(object.primvars, name);
+    if (!r || r->arrayLength > 1) continue;
+    const bool scalar = r->type == cache::ParamType::kFloat;
+    const bool geometric = r->type == cache::ParamType::kPoint || r->type == cache::ParamType::kVector ||
+                           r->type == cache::ParamType::kNormal;
+    if (!scalar && !geometric && r->type != cache::ParamType::kColor) continue;
+    float* const out[3] = {&primvar_[0][i], &primvar_[1][i], &primvar_[2][i]};
+    if (!system_.scene.evaluatePrimvar(nodes_[i], *r, 1, &cells_[i], &patchU_[i], &patchV_[i], out)) continue;
+    any |= component < (scalar ? 1u : 3u);
+    if (!geometric) continue;
+    const DMat4 M = system_.host.transformToCurrent(object.transform);
+    const DVec3 v(*out[0], *out[1], *out[2]);
+    const DVec3 w = r->type == cache::ParamType::kPoint    ? transformPoint(M, v)
+                    : r->type == cache::ParamType::kVector ? transformVector(M, v)
+                                                           : normalMatrix(M) * v;
+    for (int c = 0; c < 3; ++c) *out[c] = float(w[c]);
+  }
+  return any ? primvar_[component % 3].data() : nullptr;
+}
+
 void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   const bool hits = points.topology == ShadePoints::Topology::kHits;
   const uint32_t n = uint32_t(
@@ -97,8 +175,7 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   const uint32_t period = padLanes(n);
   const bool triple = hits && setup.usesDerivatives;
   reset(n, triple ? 3 * period : period, setup);
-  batch_.level = points.level;
-  batch_.shadowRay = points.shadowRay;
+  describeRays(points);
   const cache::SceneCache& scene = system_.scene;
   const bool perspective = system_.host.perspective();
   const uint64_t parameterBits = globalBit(GlobalId::k_u) | globalBit(GlobalId::k_v) |
@@ -106,7 +183,7 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
                                  globalBit(GlobalId::k_du) | globalBit(GlobalId::k_dv) |
                                  globalBit(GlobalId::k_dPdu) | globalBit(GlobalId::k_dPdv);
   const bool needParameters =
-      setup.usesDerivatives || (setup.readsGlobals & parameterBits) || setup.canAskRays;
+      setup.usesDerivatives || (setup.readsGlobals & parameterBits) || setup.canAskRays || points.valuesOnly;
   const auto surfaceOut = [&](uint32_t first, bool position, bool normal, bool tangents) {
     cache::SurfaceOut out;
     for (uint32_t c = 0; c < 3; ++c) {
@@ -266,7 +343,9 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     }
     if (triple) tripleStencil(stencil_, period, column(kDu), column(kDv));
     const Mat3 rotate(system_.cacheToCurrent);
+    distance_.assign(lanes_, 0.0f);
     for (uint32_t i = 0; i < n; ++i) {
+      distance_[i] = points.distance ? points.distance[i] : 1.0f;
       const Vec3 d(points.direction[0][i], points.direction[1][i], points.direction[2][i]);
       const float t = points.distance ? points.distance[i] : 1.0f;
       const Vec3 I = rotate * (d * t);

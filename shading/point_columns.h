@@ -16,6 +16,13 @@ class PointColumns {
   void fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell,
                      const float* u, const float* v, int gridNu, int gridNv, float* const P[3],
                      float* const N[3]);
+  /// Ends of rays in a volume: no surface, Ci and Oi are 0.
+  void fillVolume(const ShadePoints& points, const ShadeSetup& setup);
+  /// A primitive variable of the points' objects, in current space; nullptr when none has it. Of floats and
+  /// triples.
+  const float* primvar(std::string_view name, uint32_t component) const;
+  /// Length of the incoming ray of a hit or of a volume's end.
+  float distance(uint32_t lane) const { return distance_[lane]; }
   const Batch& batch() const { return batch_; }
   Batch& batch() { return batch_; }
   uint32_t count() const { return count_; }
@@ -57,6 +64,7 @@ class PointColumns {
   void primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters, const ShaderInstance& shader);
   void finish(const ShadeSetup& setup);
   void objectTable();
+  void describeRays(const ShadePoints& points);
   template <class F>
   void eachRun(F&& f);
 
@@ -67,7 +75,8 @@ class PointColumns {
   std::vector<int32_t> maskMemory_;
   std::vector<cache::NodeId> nodes_;
   std::vector<uint32_t> cells_;
-  std::vector<float> patchU_, patchV_;
+  std::vector<float> patchU_, patchV_, distance_;
+  mutable std::vector<float> primvar_[3];
   std::vector<uint64_t> seeds_;
   std::vector<uint16_t> object_;
   std::vector<uint32_t> objects_;

@@ -157,6 +157,14 @@ float SceneHost::optionFloat(std::string_view name, float fallback) const {
   return numberOption(skeleton_, name, fallback);
 }
 
+float SceneHost::attributeFloat(const cache::AttributeRecord& a, std::string_view name,
+                                float fallback) const {
+  const cache::ParamRecord* p = skeleton_.find(a.attributes, name);
+  if (!p) return fallback;
+  const ShaderValue v = value(*p, nullptr);
+  return v.floats.empty() ? fallback : v.floats[0];
+}
+
 bool SceneHost::spaceToCurrent(std::string_view name, DMat4& m) const {
   if (name == "camera")
     m = DMat4(1.0);
@@ -223,6 +231,22 @@ bool SceneHost::attribute(std::string_view fullName, uint32_t attributes, Shader
     setColor(v, a.opacity);
   else if (name == "ShadingInterpolation")
     setString(v, a.flags & cache::kSmoothShading ? "smooth" : "constant");
+  else if (name == "Transformation") {
+    // Of the attribute state, not of one object: where its surface shader stands.
+    const DMat4 m = a.surface == cache::kNone ? worldToCurrent_
+                                              : transformToCurrent(skeleton_.shaders()[a.surface].transform);
+    v.type = SlType::kMatrix;
+    for (int e = 0; e < 16; ++e) v.floats.push_back(float((&m[0][0])[e]));
+  } else if (name == "Orientation")
+    setString(v, a.flags & cache::kReverseOrientation ? "inside" : "outside");
+  else if (name == "DetailRange")
+    setFloats(v, {0, 0, kRiInfinity, kRiInfinity});
+  else if (name == "GeometricApproximation:motionfactor")
+    setFloats(v, {attributeFloat(a, "GeometricApproximation:motionfactor", 1.0f)});
+  else if (name == "GeometricApproximation:focusfactor")
+    setFloats(v, {attributeFloat(a, "GeometricApproximation:focusfactor", 1.0f)});
+  else if (name == "grouping:membership")
+    setString(v, skeleton_.string(a.groups));
   else if (name == "displacementbound:sphere")
     setFloats(v, {a.displacementBound});
   else if (name == "displacementbound:coordinatesystem")
@@ -257,6 +281,24 @@ bool SceneHost::option(std::string_view fullName, ShaderValue& v) const {
     setFloats(v, {c.clipping[0], c.clipping[1]});
   else if (name == "Frame")
     setFloats(v, {float(skeleton_.options().frameNumber)});
+  else if (name == "PixelSamples")
+    setFloats(v, {skeleton_.options().pixelSamples[0], skeleton_.options().pixelSamples[1]});
+  else if (name == "PixelFilter")
+    setString(v, skeleton_.string(skeleton_.options().filter));
+  else if (name == "FilterWidth")
+    setFloats(v, {skeleton_.options().filterWidth[0], skeleton_.options().filterWidth[1]});
+  else if (name == "Exposure")
+    setFloats(v, {skeleton_.options().exposure[0], skeleton_.options().exposure[1]});
+  else if (name == "PixelVariance")
+    setFloats(v, {skeleton_.options().pixelVariance});
+  else if (name == "ScreenWindow")
+    setFloats(v, {c.screenWindow[0], c.screenWindow[1], c.screenWindow[2], c.screenWindow[3]});
+  else if (name == "FieldOfView")
+    setFloats(v, {c.fov});
+  else if (name == "Projection")
+    setString(v, perspective_ ? "perspective" : "orthographic");
+  else if (name == "Hider")
+    setString(v, skeleton_.string(skeleton_.options().hider));
   else if (const cache::ParamRecord* p = skeleton_.find(skeleton_.options().options, name))
     v = value(*p, nullptr);
   else

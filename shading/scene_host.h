@@ -20,6 +20,7 @@ class SceneHost final : public ShaderHost {
   /// RIB value of a parameter of a shader whose space is `toCurrent`, carried to current space.
   ShaderValue value(const cache::ParamRecord& p, const DMat4* toCurrent) const;
   float optionFloat(std::string_view name, float fallback) const;
+  float attributeFloat(const cache::AttributeRecord& a, std::string_view name, float fallback) const;
 
   bool spaceToCurrent(std::string_view name, DMat4& m) const override;
   bool objectToCurrent(uint32_t object, DMat4& m) const override;

@@ -1,4 +1,4 @@
-// One batch in flight: bump mapping, the surface shader with its lights, the atmosphere.
+// One batch in flight: bump mapping, the surface shader with its lights, the volume before it.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -13,26 +13,33 @@ namespace fr {
 struct ShadeTask::Impl {
   explicit Impl(ShadingSystem::Impl& s) : system(s), columns(s), surface(s.host) {}
 
-  enum class Stage { kIdle, kSurface, kAtmosphere, kDone };
+  enum class Stage { kIdle, kSurface, kVolume, kDone };
   ShadingSystem::Impl& system;
   PointColumns columns;
   Machine surface;
-  std::unique_ptr<Machine> other;  // bump mapping, then the atmosphere
+  std::unique_ptr<Machine> other;  // bump mapping, then the volume
   const ShadeSetup* setup = nullptr;
+  ShadePoints points;
   Stage stage = Stage::kIdle;
   std::vector<float> times;  // per point, 0..1
   bool timed = false;        // they came with the points
   mutable AlignedFloats broadcast;
   AlignedFloats results;
 
-  Machine& running() { return stage == Stage::kAtmosphere ? *other : surface; }
-  const Machine& running() const { return stage == Stage::kAtmosphere ? *other : surface; }
+  bool surfaceRan = false;
+
+  Machine& running() { return stage == Stage::kVolume ? *other : surface; }
+  const Machine& running() const { return stage == Stage::kVolume ? *other : surface; }
   Machine& second() {
     if (!other) other = std::make_unique<Machine>(system.host);
     return *other;
   }
   void bump();
-  void beginAtmosphere();
+  void applyAttributes();
+  bool beginVolume();
+  const float* broadcastColumn(const Operand& o, uint32_t component) const;
+  const float* broadcastValue(const ShaderValue& v, uint32_t component) const;
+  const float* hitValue(std::string_view name, uint32_t component) const;
   void collect(const Machine& m);
   Vec3 cacheNormal(uint32_t lane) const;
 };
@@ -59,15 +66,41 @@ void ShadeTask::Impl::bump() {
 
 void ShadeTask::begin(const ShadePoints& points) {
   Impl& t = *impl_;
-  const cache::NodeId node =
-      points.topology == ShadePoints::Topology::kHits ? points.node[0] : points.grid->node;
-  t.setup = &t.system.setup(t.system.scene.objectOf(node).attributes);
-  t.columns.fill(points, *t.setup);
+  const bool volume = points.topology == ShadePoints::Topology::kVolume;
+  const bool hits = points.topology == ShadePoints::Topology::kHits;
+  const cache::AttributeId attributes =
+      volume ? points.volumeAttributes
+             : t.system.scene.objectOf(hits ? points.node[0] : points.grid->node).attributes;
+  t.points = points;
+  t.setup = &t.system.setup(attributes);
+  t.surfaceRan = false;
+  if (volume)
+    t.columns.fillVolume(points, *t.setup);
+  else
+    t.columns.fill(points, *t.setup);
   t.times.assign(t.columns.count(), 0.0f);
-  t.timed = points.topology == ShadePoints::Topology::kHits && points.time;
-  if (points.topology == ShadePoints::Topology::kHits && points.time)
+  t.timed = (hits || volume) && points.time;
+  if (t.timed)
     for (uint32_t i = 0; i < t.columns.count(); ++i)
       t.times[i] = points.time[i] >= 0.0f && points.time[i] <= 1.0f ? points.time[i] : 0.0f;
+  if (volume || points.valuesOnly) {
+    const size_t n = size_t(t.columns.batch().lanes) * 6;
+    t.results.reserve(n);
+    std::memset(t.results.data(), 0, n * sizeof(float));
+    t.stage = volume && t.beginVolume() ? Impl::Stage::kVolume : Impl::Stage::kDone;
+    return;
+  }
+  const uint32_t flags = t.system.scene.skeleton().attributes()[attributes].flags;
+  const uint32_t byClass = points.level == 0                       ? cache::kCameraHitsPrimitive
+                           : points.rayClass == RayClass::kDiffuse ? cache::kDiffuseHitsPrimitive
+                                                                   : cache::kSpecularHitsPrimitive;
+  // What shadow rays ask of their hits, the tracer knows.
+  if (points.hitMode == HitMode::kPrimitive ||
+      (points.hitMode == HitMode::kDefault && !points.shadowRay && (flags & byClass))) {
+    t.applyAttributes();
+    t.stage = t.beginVolume() ? Impl::Stage::kVolume : Impl::Stage::kDone;
+    return;
+  }
   t.stage = Impl::Stage::kSurface;
   if (t.setup->bumpOnly) t.bump();
   // A shadow ray wants the opacity alone: no light has to run.
@@ -75,6 +108,18 @@ void ShadeTask::begin(const ShadePoints& points) {
       points.shadowRay ? std::span<const ShaderInstance* const>()
                        : std::span<const ShaderInstance* const>(t.setup->lights);
   t.surface.begin(t.columns.batch(), *t.setup->surface, lights, t.setup->partners());
+}
+
+/// Ci = Os Cs, Oi = Os: what a surface looks like without its shader.
+void ShadeTask::Impl::applyAttributes() {
+  const Batch& b = columns.batch();
+  results.reserve(size_t(b.lanes) * 6);
+  const Operand Cs = b.globals[size_t(GlobalId::k_Cs)], Os = b.globals[size_t(GlobalId::k_Os)];
+  for (uint32_t c = 0; c < 3; ++c)
+    for (uint32_t i = 0; i < b.lanes; ++i) {
+      results.data()[c * b.lanes + i] = Cs.at(i, c) * Os.at(i, c);
+      results.data()[(3 + c) * b.lanes + i] = Os.at(i, c);
+    }
 }
 
 /// Copies Ci and Oi out of a machine; what is not finite becomes 0.
@@ -93,30 +138,58 @@ void ShadeTask::Impl::collect(const Machine& m) {
   }
 }
 
-void ShadeTask::Impl::beginAtmosphere() {
+/// Starts the volume shader between the points and where their rays came from. False: there is none.
+bool ShadeTask::Impl::beginVolume() {
+  using Volume = ShadePoints::Volume;
+  if (points.shadowRay) return false;
+  const ShadeSetup* owner = setup;
+  const ShaderInstance* volume = nullptr;
+  if (points.volume != Volume::kAtmosphere && points.volumeAttributes < system.setups.size()) {
+    const ShadeSetup& of = system.setup(points.volumeAttributes);
+    volume = (points.volume == Volume::kInterior ? of.interior : of.exterior).get();
+    if (volume) owner = &of;
+  }
+  const bool segment = volume != nullptr;
+  if (!volume && points.topology != ShadePoints::Topology::kVolume) volume = setup->atmosphere.get();
+  if (!volume) return false;
+
   Batch b = columns.batch();
   b.overrides = {};
+  b.attributes = owner->attributes;
   const uint32_t lanes = b.lanes;
   for (uint32_t k = 0; k < 6; ++k) {
     const Operand& to = b.globals[size_t(k < 3 ? GlobalId::k_Ci : GlobalId::k_Oi)];
     std::memcpy(to.comp(k % 3), results.data() + size_t(k) * lanes, lanes * sizeof(float));
   }
-  second().begin(b, *setup->atmosphere, setup->lights, setup->partners());
+  // The ray of a volume starts at P - I.
+  const Operand P = b.globals[size_t(GlobalId::k_P)], I = b.globals[size_t(GlobalId::k_I)];
+  if (points.level == 0 && !system.host.perspective()) {
+    for (uint32_t i = 0; i < lanes; ++i) I.comp(0)[i] = I.comp(1)[i] = 0, I.comp(2)[i] = P.at(i, 2);
+  } else if (segment && points.segmentStart && points.distance) {
+    for (uint32_t i = 0; i < lanes; ++i) {
+      const uint32_t k = b.copyPeriod ? i % b.copyPeriod : i;
+      if (k >= columns.count()) continue;
+      const float start = points.segmentStart[k], end = columns.distance(k);
+      const float part = end > 0 ? std::clamp((end - start) / end, 0.0f, 1.0f) : 0.0f;
+      for (uint32_t c = 0; c < 3; ++c) I.comp(c)[i] *= part;
+    }
+  }
+  Machine::Partners partners = setup->partners();
+  if (surfaceRan) partners.ranSurface = &surface;
+  second().begin(b, *volume, owner->lights, partners);
+  return true;
 }
 
 ShadeTask::Status ShadeTask::run() {
   Impl& t = *impl_;
+  if (t.stage == Impl::Stage::kDone) return Status::kDone;
   if (t.stage == Impl::Stage::kSurface) {
     if (t.surface.run() == Machine::Status::kNeedsRays) return Status::kNeedsRays;
     t.collect(t.surface);
-    t.stage = Impl::Stage::kDone;
-    const Batch& b = t.columns.batch();
-    if (t.setup->atmosphere && b.level == 0 && !b.shadowRay) {
-      t.beginAtmosphere();
-      t.stage = Impl::Stage::kAtmosphere;
-    }
+    t.surfaceRan = true;
+    t.stage = t.beginVolume() ? Impl::Stage::kVolume : Impl::Stage::kDone;
   }
-  if (t.stage == Impl::Stage::kAtmosphere) {
+  if (t.stage == Impl::Stage::kVolume) {
     if (t.other->run() == Machine::Status::kNeedsRays) return Status::kNeedsRays;
     t.collect(*t.other);
     t.stage = Impl::Stage::kDone;
@@ -158,14 +231,18 @@ void ShadeTask::writeRays(RayQuery& q) const {
   q.count = r.count;
   q.level = t.columns.batch().level + 1;
   q.label = 0;
+  q.terms = r.terms;
+  const uint32_t period = t.columns.batch().copyPeriod;
   const Mat4& m = t.system.currentToCache;
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));  // cameras may scale
   // What the camera sees is shaded at shutter open; its rays look about in the whole shutter. Rays of hits
   // keep the time of the ray that hit.
   const bool atCamera = !t.timed && jitterRayTimes();
+  q.terms.maxDistance *= scale, q.terms.bias *= scale;
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t lane = r.lane[k];
+    q.point[k] = r.single ? cache::kNone : period ? lane % period : lane;
     const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
     const Vec3 direction = linear * Vec3(r.direction[0][k], r.direction[1][k], r.direction[2][k]);
     const Vec3 normal = r.onSurface[k] ? t.cacheNormal(lane) : Vec3(0);
@@ -192,6 +269,10 @@ void ShadeTask::readAnswers(const RayQuery& q) {
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
   const auto vec = [](const float(&a)[3][kRayRow], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
+  if (r.terms.extras[0] != 0 && r.kind != RayKind::kVisibility)
+    for (uint32_t c = 0; c < kMaxExtraAnswers; ++c)
+      for (uint32_t k = 0; k < r.count; ++k)
+        if (std::isfinite(q.extra[c][k])) r.extra[c][k] = q.extra[c][k];
   for (uint32_t k = 0; k < r.count; ++k) {
     const Vec3 color = vec(q.color, k);
     const bool colored =
@@ -231,6 +312,7 @@ const float* ShadeTask::opacity(int component) const {
 
 const float* ShadeTask::output(std::string_view name, int component) const {
   const Impl& t = *impl_;
+  if (name.find(':') != std::string_view::npos) return t.hitValue(name, uint32_t(component));
   if (name == "Ci") return component < 3 ? color(component) : nullptr;
   if (name == "Oi") return component < 3 ? opacity(component) : nullptr;
   Operand o = t.surface.result(name);
@@ -244,12 +326,59 @@ const float* ShadeTask::output(std::string_view name, int component) const {
       if (!o.data) o = t.columns.batch().globals[g];
     }
   if (!o.data || component < 0 || uint32_t(component) >= components) return nullptr;
-  if (o.varying()) return o.comp(uint32_t(component));
-  const uint32_t lanes = t.columns.batch().lanes;
-  t.broadcast.reserve(size_t(lanes) * 16);
-  float* const to = t.broadcast.data() + size_t(lanes) * size_t(component % 16);
-  std::fill_n(to, lanes, o.at(0, uint32_t(component)));
+  return t.broadcastColumn(o, uint32_t(component));
+}
+
+const float* ShadeTask::Impl::broadcastColumn(const Operand& o, uint32_t component) const {
+  if (o.varying()) return o.comp(component);
+  const uint32_t lanes = columns.batch().lanes;
+  broadcast.reserve(size_t(lanes) * 16);
+  float* const to = broadcast.data() + size_t(lanes) * size_t(component % 16);
+  std::fill_n(to, lanes, o.at(0, component));
   return to;
+}
+
+const float* ShadeTask::Impl::broadcastValue(const ShaderValue& v, uint32_t component) const {
+  if (component >= v.floats.size()) return nullptr;
+  alignas(64) float value[kLanePad];
+  std::fill_n(value, kLanePad, v.floats[component]);
+  const uint32_t lanes = columns.batch().lanes;
+  broadcast.reserve(size_t(lanes) * 16);
+  float* const to = broadcast.data() + size_t(lanes) * size_t(component % 16);
+  std::fill_n(to, lanes, value[0]);
+  return to;
+}
+
+/// Values by the names that gather() has for them.
+const float* ShadeTask::Impl::hitValue(std::string_view name, uint32_t component) const {
+  const size_t colon = name.find(':');
+  const std::string_view source = name.substr(0, colon), what = name.substr(colon + 1);
+  const auto parameter = [&](const ShaderInstance* i) -> const float* {
+    const ShaderValue* v = i ? i->parameter(what) : nullptr;
+    return v ? broadcastValue(*v, component) : nullptr;
+  };
+  if (source == "surface") {
+    if (surfaceRan) {
+      const Operand o = surface.result(what);
+      if (o.data) return broadcastColumn(o, component);
+    }
+    return parameter(setup->surface.get());
+  }
+  if (source == "displacement") return parameter(setup->displacement.get());
+  if (source == "volume") {
+    if (const float* v = parameter(setup->interior.get())) return v;
+    return parameter(setup->atmosphere.get());
+  }
+  if (source == "attribute") {
+    ShaderValue v;
+    return system.host.attribute(what, setup->attributes, v) ? broadcastValue(v, component) : nullptr;
+  }
+  if (source != "primitive") return nullptr;
+  for (size_t g = 0; g < size_t(GlobalId::kCount); ++g)
+    if (what == globalInfo(GlobalId(g)).name && columns.batch().globals[g].data &&
+        component < slTypeFloats(globalInfo(GlobalId(g)).type))
+      return broadcastColumn(columns.batch().globals[g], component);
+  return columns.primvar(what, component);
 }
 
 }  // namespace fr

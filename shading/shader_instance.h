@@ -48,6 +48,27 @@ class ShaderHost {
   virtual int textureCallUnavailable(std::string_view what) const = 0;
 };
 
+/// Points of an area light's geometry, for one sample of every point that it may light. Current space.
+struct EmitterQuery {
+  Operand Ps;           // what is lit
+  const Vec2* xi;       // two numbers in [0,1) per lane
+  const int32_t* mask;  // lanes that are wanted
+  uint32_t lanes;
+  Operand P, N;  // out: the sample, and the unit normal there
+  /// Out: what to multiply the light's colour with, the cosine at the light included, so that its mean over
+  /// many samples is the mean over the area of (colour times cosine).
+  float* factor;
+};
+
+/// The geometry of an area light. Thread-safe.
+class Emitter {
+ public:
+  virtual ~Emitter() = default;
+  /// Prepared on the first call. False: there is no geometry, the light shines from its shader's origin.
+  virtual bool ready() const = 0;
+  virtual void sample(const EmitterQuery& q) const = 0;
+};
+
 /// A bound shader. Immutable once bound; shared by tasks.
 struct ShaderInstance {
   std::shared_ptr<const Executable> exe;
@@ -56,7 +77,8 @@ struct ShaderInstance {
   std::vector<ShaderValue> values;  // one per parameter of the program
   bool shadows = false;             // light: Cl is multiplied by the visibility of the light
   uint32_t samples = 1;             // light: Attribute "light" "nsamples"
-  uint32_t id = kNoIndex;           // seed of its random numbers
+  std::shared_ptr<const Emitter> emitter;  // light: of AreaLightSource
+  uint32_t id = kNoIndex;                  // seed of its random numbers
 
   const ShaderProgram& program() const { return exe->program(); }
   /// Value of a parameter, nullptr if there is none.

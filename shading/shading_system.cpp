@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "base/random.h"
+#include "shading/area_light.h"
 #include "shading/compile.h"
 #include "shading/system_impl.h"
 
@@ -61,6 +62,7 @@ ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
       library(libraryOptions(options)),
       setups(c.skeleton().attributes().size()) {
   prmanSpecular = host.optionFloat("render:prmanspecular", 0.0f);
+  specularThreshold = host.optionFloat("trace:specularthreshold", 10.0f) * 0.017453293f;
   cacheToCurrent = Mat4(host.cacheToCurrent());
   currentToCache = Mat4(host.currentToCache());
   cacheToCurrentNormal = Mat3(normalMatrix(host.cacheToCurrent()));
@@ -120,6 +122,8 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
   instance->shadows = type == ShaderType::kLight && (record.lightFlags & cache::kLightShadows);
   instance->samples = std::max(1u, record.lightSamples);
   instance->id = id;
+  if (type == ShaderType::kLight && record.areaLightObject != kNone)
+    instance->emitter = std::make_shared<const AreaLight>(scene, host, id);
   return instance;
 }
 
@@ -173,8 +177,11 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   setup->atmosphere = instance(a.atmosphere, ShaderType::kVolume, {});
   setup->interior = instance(a.interior, ShaderType::kVolume, {});
   setup->exterior = instance(a.exterior, ShaderType::kVolume, {});
-  if (setup->surface->exe->has(kProgramUsesLights) ||
-      (setup->atmosphere && setup->atmosphere->exe->has(kProgramUsesLights)))
+  const auto usesLights = [](const std::shared_ptr<const ShaderInstance>& i) {
+    return i && i->exe->has(kProgramUsesLights);
+  };
+  if (usesLights(setup->surface) || usesLights(setup->atmosphere) || usesLights(setup->interior) ||
+      usesLights(setup->exterior))
     for (cache::ShaderId id : s.lightList(a.lights))
       if (auto light = instance(id, ShaderType::kLight, {})) {
         setup->lights.push_back(light.get());
@@ -190,6 +197,13 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   };
   add(setup->surface.get());
   add(setup->atmosphere.get());
+  // Interior and Exterior run on rays alone: their derivatives are 0.
+  for (const ShaderInstance* i : {setup->interior.get(), setup->exterior.get()})
+    if (i) setup->canAskRays |= i->exe->has(kProgramCanAskRays) || i->exe->has(kProgramRaysByMapName);
+  if (const float depth = host.attributeFloat(a, "trace:maxdiffusedepth", 1); depth >= 0)
+    setup->maxDiffuseDepth = uint32_t(std::min(depth, 1e6f));
+  if (const float depth = host.attributeFloat(a, "trace:maxspeculardepth", -1); depth >= 0)
+    setup->maxSpecularDepth = uint32_t(std::min(depth, 1e6f));
   if (setup->bumpOnly) {
     setup->readsGlobals |= setup->displacement->program().readsGlobals;
     setup->usesDerivatives |= setup->displacement->exe->has(kProgramUsesDerivatives);

@@ -30,14 +30,21 @@ namespace fr {
 inline constexpr size_t kMaxShadePoints = 1024;
 
 /// Points to shade, all on objects with the same surface shader instance and attribute state; a grid, a
-/// meshlet or ray hits. Arrays belong to the caller and stay valid until the task is done.
+/// meshlet or ray hits. kVolume: the ends of rays in a volume where no surface is.
+/// Arrays belong to the caller and stay valid until the task is done.
 struct ShadePoints {
-  enum class Topology { kGrid, kMeshlet, kHits };
+  enum class Topology { kGrid, kMeshlet, kHits, kVolume };
+  /// Which volume shader changes the colours on their way to where the ray came from.
+  enum class Volume {
+    kAtmosphere,  // of the points' own attributes, over the whole ray
+    kInterior,    // of volumeAttributes, over the ray from segmentStart on (Atmosphere if there is none)
+    kExterior,
+  };
   Topology topology = Topology::kGrid;
   size_t count = 0;
   // kGrid, kMeshlet: all vertices of one diced node.
   const cache::GridRecord* grid = nullptr;
-  // kHits: per point.
+  // kHits: per point. kVolume: the same without an address.
   const cache::NodeId* node = nullptr;
   const uint32_t* cell = nullptr;
   const float* u = nullptr;
@@ -49,9 +56,17 @@ struct ShadePoints {
   const float* spread = nullptr;
   const float* time = nullptr;
   const uint64_t* seed = nullptr;
-  uint32_t level = 0;      // raylevel(): 0 camera
-  bool shadowRay = false;  // isshadowray(): only the opacity is wanted
-  uint64_t gridSeed = 0;   // seed of a grid's or meshlet's points
+  const float* segmentStart = nullptr;  // distance at which the volume begins; nullptr: 0
+  Volume volume = Volume::kAtmosphere;
+  cache::AttributeId volumeAttributes = cache::kNone;
+  RayClass rayClass = RayClass::kSpecular;  // of the incoming rays, where level is not 0
+  HitMode hitMode = HitMode::kDefault;
+  uint32_t diffuseDepth = 0, shadowDepth = 0;
+  std::string_view label;
+  bool valuesOnly = false;  // no shader runs: output() gives primitive variables and attributes
+  uint32_t level = 0;       // raylevel(): 0 camera
+  bool shadowRay = false;   // isshadowray(): only the opacity is wanted
+  uint64_t gridSeed = 0;    // seed of a grid's or meshlet's points
 };
 
 class ShadingSystem;
@@ -78,8 +93,8 @@ class ShadeTask {
   /// Results per point, valid when done.
   const float* color(int component) const;
   const float* opacity(int component) const;
-  /// An output variable or predefined variable by name ("N", "s", an output parameter); nullptr if there is
-  /// none.
+  /// An output variable or predefined variable by name ("N", "s", an output parameter), or a value by the
+  /// names of RayTerms::extras; nullptr if there is none.
   const float* output(std::string_view name, int component) const;
 
  private:

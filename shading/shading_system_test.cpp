@@ -16,14 +16,15 @@ namespace {
 
 class Scene {
  public:
-  Scene(const std::string& world, const std::map<std::string, std::string>& shaders = {}) {
+  Scene(const std::string& world, const std::map<std::string, std::string>& shaders = {},
+        const std::string& options = "") {
     folder_ =
         std::filesystem::path(::testing::TempDir()) / fmt::format("shading_system.{}.{}", getpid(), count_++);
     std::filesystem::create_directories(folder_);
     for (const auto& [name, text] : shaders) std::ofstream(folder_ / (name + ".sl")) << text;
     const std::string rib = (folder_ / "scene.rib").string();
     std::ofstream(rib)
-        << "Format 64 64 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nWorldBegin\n"
+        << options << "Format 64 64 1\nProjection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nWorldBegin\n"
         << world << "\nWorldEnd\n";
     const cache::RibInput input{rib};
     int fd = -1;
@@ -348,6 +349,79 @@ TEST(ShadingSystem, DenseMeshesShadeAsMeshlets) {
     }
   });
   EXPECT_GT(vertices, 100u);
+}
+
+/// Ci of the first vertex of the first grid.
+Color firstColor(Scene& s) {
+  ShadeTask task(*s.shading);
+  Color c(-1);
+  bool done = false;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    if (done) return;
+    s.shade(task, gridPoints(g));
+    for (int k = 0; k < 3; ++k) c[k] = task.color(k)[0];
+    done = true;
+  });
+  return c;
+}
+
+TEST(ShadingSystem, OptionsAndAttributesByName) {
+  const std::string asks =
+      "surface asks() {\n"
+      "  float f = 0, xyz[3], pair[2]; string t = \"\"; color c = 0; matrix m = 0; float found = 0, right "
+      "= 0;\n"
+      "  found += attribute(\"Sides\", f); right += f == 1;\n"
+      "  found += attribute(\"Ri:ShadingRate\", f); right += f == 4;\n"
+      "  found += attribute(\"Ri:Color\", c); right += c == color(1, 0.5, 0.25);\n"
+      "  found += attribute(\"identifier:name\", t); right += t == \"ball\";\n"
+      "  found += attribute(\"user:mine\", f); right += f == 7;\n"
+      "  found += attribute(\"grouping:membership\", t); right += t == \"a,b\";\n"
+      "  found += attribute(\"Ri:Orientation\", t); right += t != \"\";\n"
+      "  found += attribute(\"GeometricApproximation:motionfactor\", f); right += f == 1;\n"
+      "  found += attribute(\"Ri:Transformation\", m); right += comp(m, 3, 2) == 5;\n"
+      "  found += option(\"Format\", xyz); right += xyz[0] == 64;\n"
+      "  found += option(\"Ri:PixelSamples\", pair); right += pair[0] == 2;\n"
+      "  found += option(\"user:yours\", f); right += f == 9;\n"
+      "  found += rendererinfo(\"renderer\", t); right += t == \"frankenrender\";\n"
+      "  float none = attribute(\"user:absent\", f) + option(\"absent\", f) + rendererinfo(\"absent\", f);\n"
+      "  none += attribute(\"identifier:name\", f);  /* a text is no number */\n"
+      "  Ci = color(found, right, none + (f == 9 ? 0 : 100)); Oi = 1;\n"
+      "}\n";
+  Scene s(
+      "Sides 1 ShadingRate 4 Color [1 0.5 0.25] Attribute \"identifier\" \"string name\" [\"ball\"]\n"
+      "Attribute \"user\" \"float mine\" [7] Attribute \"grouping\" \"string membership\" [\"a\"]\n"
+      "Attribute \"grouping\" \"string membership\" [\"+b\"]\n"
+      "Surface \"asks\" Sphere 1 -1 1 360\n",
+      {{"asks", asks}}, "Option \"user\" \"float yours\" [9]\n");
+  ASSERT_TRUE(s.cache);
+  const Color c = firstColor(s);
+  EXPECT_EQ(c.x, 13);
+  EXPECT_EQ(c.y, 13);
+  EXPECT_EQ(c.z, 0);
+}
+
+TEST(ShadingSystem, SpecularExponentIsSelectable) {
+  const std::string shiny =
+      "surface shiny() { Ci = specularbrdf(normalize(vector(0.3, 0, 1)), normal(0, 0, 1), vector(0, 0, 1), "
+      "0.5); Oi = 1; }\n";
+  const auto value = [&](const std::string& option) {
+    Scene s("Surface \"shiny\" Sphere 1 -1 1 360\n", {{"shiny", shiny}}, option);
+    return double(firstColor(s).x);
+  };
+  const double theta = std::atan(0.3) / 2;
+  EXPECT_NEAR(value(""), std::pow(std::cos(theta), 2), 1e-5);
+  EXPECT_NEAR(value("Option \"render\" \"int prmanspecular\" [1]\n"), std::pow(std::cos(theta), 16), 1e-5);
+}
+
+TEST(ShadingSystem, VolumesReadWhatTheSurfaceComputed) {
+  Scene s(
+      "Surface \"tells\" Atmosphere \"reads\" Sphere 1 -1 1 360\n",
+      {{"tells", "surface tells(output float told = 1) { told = 0.25; Ci = 1; Oi = 1; }\n"},
+       {"reads", "volume reads() { float x = 0; if (surface(\"told\", x) == 1) Ci = x * length(I); }\n"}});
+  ASSERT_TRUE(s.cache);
+  const Color c = firstColor(s);
+  EXPECT_GT(c.x, 0.99f);
+  EXPECT_LT(c.x, 1.51f);
 }
 
 }  // namespace

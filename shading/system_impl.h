@@ -29,8 +29,9 @@ struct ShadeSetup {
   bool usesDerivatives = false;
   bool canAskRays = false;
   bool usesObjectSpace = false;
-  bool displaced = false;     // the displacement shader moves points
-  uint64_t readsGlobals = 0;  // of all programs that run when shading
+  bool displaced = false;                                // the displacement shader moves points
+  uint64_t readsGlobals = 0;                             // of all programs that run when shading
+  uint32_t maxDiffuseDepth = 1, maxSpecularDepth = ~0u;  // Attribute "trace"
 
   Machine::Partners partners() const {
     return {surface.get(), displacement.get(), atmosphere.get(), interior.get(), exterior.get()};
@@ -45,6 +46,7 @@ struct ShadingSystem::Impl {
   SceneHost host;
   ShaderLibrary library;
   float prmanSpecular = 0;
+  float specularThreshold = 0;  // radians
   Mat4 cacheToCurrent;
   Mat3 cacheToCurrentNormal, currentToCacheNormal;
   Mat4 currentToCache;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "tracer/ray_tracer.h"
 
@@ -24,6 +25,10 @@ struct AnswerThread::PathRay {
   bool sane;   // can be traced
   bool going;  // has not ended
   uint32_t steps;
+  // The volume between the last surface and the next: that of the surface which the ray left or passed.
+  cache::AttributeId volumeOf;  // kNone: it starts on no surface
+  bool inside;
+  float segmentStart;
   Hit hit;        // the surface it stands on now
   Color through;  // what still comes through everything passed
   Color color;
@@ -38,16 +43,29 @@ struct AnswerThread::Level {
   PathRay path[kMaxRays];
   uint32_t count = 0;
   uint32_t rayLevel = 0;
+  RayTerms terms{};
+  // What terms.subset and terms.excludeSubset let be seen, by AttributeId; kept from question to question.
+  std::vector<uint8_t> seen;
+  std::string seenSubset, seenExclude;
+  bool limited = false;  // `seen` is in force
+  struct Extra {
+    std::string name;
+    uint32_t components, column;
+  };
+  std::vector<Extra> extras;
+  std::string extrasText;
+  float extra[kMaxExtraAnswers][kMaxRays];
   // Hits to be shaded now: indices into path, sorted by shade group.
   uint32_t order[kMaxRays];
   uint32_t group[kMaxRays];
+  uint32_t volume[kMaxRays];  // volumeKey() of each path
   uint32_t orderCount = 0;
   // ShadePoints of one group, and the answers to its own questions.
   cache::NodeId node[kMaxRays];
   uint32_t cell[kMaxRays];
   float u[kMaxRays], v[kMaxRays];
   float direction[3][kMaxRays], origin[3][kMaxRays];
-  float distance[kMaxRays], radius[kMaxRays], spread[kMaxRays], time[kMaxRays];
+  float distance[kMaxRays], radius[kMaxRays], spread[kMaxRays], time[kMaxRays], segmentStart[kMaxRays];
   uint64_t seed[kMaxRays];
   std::unique_ptr<ShadeTask> task;
   RayQuery child;

@@ -37,8 +37,34 @@ Color saneOpacity(const Color& c) {
   return {f(c.x), f(c.y), f(c.z)};
 }
 
-uint32_t rayMask(RayKind kind) {
-  return kind == RayKind::kVisibility ? kOpaqueShadowRay | kFilteredShadowRay : kReflectionRay;
+/// The same of the volumes through which rays leave the scene.
+constexpr uint64_t kVolumeSeed = 2ull << 32;
+
+uint32_t rayMask(RayKind kind, const RayTerms& terms) {
+  if (kind == RayKind::kVisibility) return kOpaqueShadowRay | kFilteredShadowRay;
+  return terms.rayClass == RayClass::kDiffuse ? kDiffuseRay : kReflectionRay;
+}
+/// True when the comma-separated `list` and `wanted` have a name in common.
+bool sharesName(std::string_view list, std::string_view wanted) {
+  const auto next = [](std::string_view& rest) {
+    const size_t from = rest.find_first_not_of(", ");
+    if (from == std::string_view::npos) return rest = {}, std::string_view();
+    rest.remove_prefix(from);
+    const size_t end = std::min(rest.find_first_of(", "), rest.size());
+    const std::string_view word = rest.substr(0, end);
+    rest.remove_prefix(end);
+    return word;
+  };
+  while (!wanted.empty()) {
+    const std::string_view name = next(wanted);
+    if (name.empty()) break;
+    for (std::string_view rest = list; !rest.empty();) {
+      const std::string_view group = next(rest);
+      if (group == name) return true;
+      if (group.empty()) break;
+    }
+  }
+  return false;
 }
 /// Rays that are answered together. What is not shaded stays in the nearest cache; shading wants many points.
 uint32_t partOf(RayKind kind) {
@@ -96,6 +122,7 @@ void AnswerThread::answerAt(RayQuery& query, size_t depth) {
   const uint32_t count = q.count, rayLevel = q.level;
   const uint32_t all = std::min(count, kMaxRays);
   at.rayLevel = std::clamp(rayLevel, 1u, 1u << 20);
+  readTerms(query.terms, at);
   if (uint32_t(kind) > uint32_t(RayKind::kFullTrace)) return;  // no question of ours: nothing to write
   (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += all;
   // Shaders' own trace() wants to know what missed.
@@ -103,9 +130,48 @@ void AnswerThread::answerAt(RayQuery& query, size_t depth) {
   const uint32_t part = partOf(kind);
   for (uint32_t first = 0; first < all; first += part) {
     at.count = std::min(part, all - first);
-    readRays(query, first, at, rayMask(kind));
+    readRays(query, first, at, rayMask(kind, at.terms));
     runAt(kind, at, depth);
     writeAnswers(kind, at, full, query, first);
+    if (!at.extras.empty() && kind != RayKind::kVisibility) writeExtras(at, query, first);
+  }
+}
+
+/// Copies what a block says about its rays, and sees to it that it makes sense.
+void AnswerThread::readTerms(const RayTerms& terms, Level& at) {
+  RayTerms& t = at.terms;
+  std::memcpy(&t, &terms, sizeof t);
+  const auto end = [](auto& text) { text[sizeof text - 1] = 0; };
+  end(t.label), end(t.subset), end(t.excludeSubset), end(t.extras);
+  if (uint32_t(t.rayClass) > uint32_t(RayClass::kDiffuse)) t.rayClass = RayClass::kSpecular;
+  if (uint32_t(t.hitMode) > uint32_t(HitMode::kShader)) t.hitMode = HitMode::kDefault;
+  if (!(t.maxDistance > 0) || !std::isfinite(t.maxDistance)) t.maxDistance = 0;
+  if (!(t.bias >= 0) || !std::isfinite(t.bias)) t.bias = 0;
+  t.diffuseDepth = std::min(t.diffuseDepth, 1u << 20), t.shadowDepth = std::min(t.shadowDepth, 1u << 20);
+
+  const std::string_view subset = t.subset, exclude = t.excludeSubset;
+  at.limited = !subset.empty() || !exclude.empty();
+  if (at.limited && (at.seen.empty() || at.seenSubset != subset || at.seenExclude != exclude)) {
+    const Skeleton& skeleton = tracer_.cache().skeleton();
+    at.seen.clear();
+    for (const AttributeRecord& a : skeleton.attributes()) {
+      const std::string_view groups = skeleton.string(a.groups);
+      at.seen.push_back((subset.empty() || sharesName(groups, subset)) && !sharesName(groups, exclude));
+    }
+    at.seenSubset = subset, at.seenExclude = exclude;
+  }
+  if (at.extrasText == t.extras) return;
+  at.extrasText = t.extras;
+  at.extras.clear();
+  uint32_t column = 0;
+  for (std::string_view rest = at.extrasText; rest.size() > 2;) {
+    const size_t lineEnd = std::min(rest.find('\n'), rest.size());
+    const std::string_view line = rest.substr(0, lineEnd);
+    rest.remove_prefix(std::min(lineEnd + 1, rest.size()));
+    const uint32_t components = line.size() > 2 && line[0] == '3' ? 3 : 1;
+    if (line.size() < 3 || column + components > kMaxExtraAnswers) break;
+    at.extras.push_back({std::string(line.substr(2)), components, column});
+    column += components;
   }
 }
 
@@ -117,10 +183,11 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   Level& at = level(0);
   at.count = 1;
   at.rayLevel = std::max<uint32_t>(mail.ray.level, 1);
+  readTerms(RayTerms{}, at);
   const auto vec = [](const float(&f)[3]) { return Vec3(f[0], f[1], f[2]); };
   const AskedRay asked{vec(mail.ray.origin), vec(mail.ray.direction), vec(mail.start.normal), mail.ray.time,
                        mail.ray.radius,      mail.ray.spread,         mail.start.node,        mail.ray.seed};
-  startPath(at.path[0], asked, rayMask(kind));
+  startPath(at.path[0], asked, rayMask(kind, at.terms), at);
   runAt(kind, at, 0);
   const PathRay& p = at.path[0];
   const auto put = [](float(&f)[3], const Vec3& v) { f[0] = v.x, f[1] = v.y, f[2] = v.z; };
@@ -146,7 +213,7 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   return true;
 }
 
-void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask) {
+void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, const Level& at) {
   const RayScene* scene = tracer_.scene();
   p.askedOrigin = asked.origin;
   p.askedDirection = asked.direction;
@@ -164,6 +231,7 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask) {
   p.hit = p.firstHit = Hit{};
   p.missDepth = 0;
   p.missP = p.missR = Vec3(0);
+  p.volumeOf = kNone, p.inside = false, p.segmentStart = 0;
   if (!p.sane) {
     counts_.rejected += 1;
     return;
@@ -173,9 +241,21 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask) {
   r.direction = Vec3(d / length);
   r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
   r.mask = mask;
-  r.departure = scene->departure(asked.node, r.direction, asked.normal);
+  if (at.terms.flags & RayTerms::kHasBias)
+    r.departure.nearDistance = at.terms.bias;
+  else
+    r.departure = scene->departure(asked.node, r.direction, asked.normal);
   r.origin = p.askedOrigin + r.departure.lift;
   r.nearDistance = r.departure.nearDistance;
+  if (at.limited) r.seen = at.seen.data();
+  if (at.terms.flags & RayTerms::kFrontOnly) r.side = 1;
+  if (at.terms.flags & RayTerms::kBackOnly) r.side = -1;
+  if (asked.node < tracer_.cache().nodeCount() && isFinite(asked.normal) && asked.normal != Vec3(0)) {
+    p.volumeOf = tracer_.cache().objectOf(asked.node).attributes;
+    p.inside = glm::dot(r.direction, asked.normal) < 0;
+  }
+  if (at.terms.maxDistance > 0 && !(mask & (kOpaqueShadowRay | kFilteredShadowRay)))
+    r.farDistance = at.terms.maxDistance;
   if (mask & (kOpaqueShadowRay | kFilteredShadowRay)) {
     // A segment: its end stays where it is.
     const DVec3 rest = DVec3(p.askedOrigin) + d - DVec3(r.origin);
@@ -203,7 +283,7 @@ void AnswerThread::readRays(const RayQuery& query, uint32_t first, Level& at, ui
     asked.time = q.time[k], asked.radius = q.radius[k], asked.spread = q.spread[k];
     asked.node = q.node[k];
     asked.seed = q.seed[k];
-    startPath(at.path[i], asked, mask);
+    startPath(at.path[i], asked, mask, at);
   }
 }
 
@@ -215,6 +295,31 @@ void AnswerThread::runAt(RayKind kind, Level& at, size_t depth) {
     PathRay& p = at.path[i];
     if (p.going) p.firstHit = scene->closest(p.ray), counts_.intersections += 1;
   }
+  if (at.extras.empty()) return;
+  // Values of what was hit: no shader runs for them.
+  at.orderCount = 0;
+  for (uint32_t i = 0; i < at.count; ++i) {
+    PathRay& p = at.path[i];
+    if (!p.firstHit.any()) continue;
+    p.hit = p.firstHit, p.steps = 1;
+    at.order[at.orderCount++] = i;
+  }
+  if (at.orderCount) shadeHits(at, depth, Purpose::kValues);
+}
+
+void AnswerThread::writeExtras(const Level& at, RayQuery& query, uint32_t first) {
+  for (const Level::Extra& e : at.extras)
+    for (uint32_t c = 0; c < e.components; ++c)
+      for (uint32_t i = 0; i < at.count; ++i) {
+        const PathRay& p = at.path[i];
+        const Color& through = p.through;
+        const int k = int(std::min(c, 2u));
+        const float t = e.components == 1 ? (through.x + through.y + through.z) * (1.0f / 3) : through[k];
+        query.extra[e.column + c][first + i] = e.name == "surface:Oi"         ? 1 - t
+                                               : e.name == "ray:transmission" ? t
+                                               : p.firstHit.any()             ? at.extra[e.column + c][i]
+                                                                              : 0.0f;
+      }
 }
 
 void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first) {
@@ -263,7 +368,10 @@ Color AnswerThread::attributeOpacity(const Hit& hit) {
 void AnswerThread::runVisibility(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   // A shader that asks for visibility while it is asked for its own opacity would go on for ever.
-  const bool mayShade = at.rayLevel <= uint32_t(tracer_.maxRayLevel()) + 1;
+  const bool mayShade =
+      at.rayLevel <= uint32_t(tracer_.maxRayLevel()) + 1 && at.terms.hitMode != HitMode::kPrimitive;
+  // Every surface that is not opaque whatever happens is asked.
+  const bool allShade = mayShade && at.terms.hitMode == HitMode::kShader;
   const auto dim = [](PathRay& p, const Color& opacity) {
     p.through *= Color(1) - opacity;
     if (largest(p.through) < kDark) p.through = Color(0), p.going = false;
@@ -274,6 +382,10 @@ void AnswerThread::runVisibility(Level& at, size_t depth) {
     if (!p.going) continue;
     counts_.intersections += 1;
     const Obstacle obstacle = scene->obstacle(p.ray);
+    if (allShade && obstacle != Obstacle::kNone) {
+      p.ray.mask = kFilteredShadowRay | kOpaqueShadowRay;
+      continue;
+    }
     if (obstacle == Obstacle::kOpaque) p.through = Color(0);
     p.going = obstacle == Obstacle::kFiltered;
     p.ray.mask = kFilteredShadowRay;
@@ -293,15 +405,18 @@ void AnswerThread::runVisibility(Level& at, size_t depth) {
           break;
         }
         scene->stepBehind(p.ray, p.hit);
-        if (mayShade && scene->entry(p.hit.entry).castsShadows == CastsShadows::kShade) {
+        const SurfaceEntry& e = scene->entry(p.hit.entry);
+        const bool opaque = allShade && (e.castsShadows == CastsShadows::kOpaque ||
+                                         (e.opaqueCaster && tracer_.shading().isOpaque(e.attributes)));
+        if (mayShade && !opaque && (allShade || e.castsShadows == CastsShadows::kShade)) {
           at.order[at.orderCount++] = i;
           any = true;
           break;
         }
-        dim(p, attributeOpacity(p.hit));
+        dim(p, opaque ? Color(1) : attributeOpacity(p.hit));
       }
     }
-    if (at.orderCount) shadeHits(at, depth, true);
+    if (at.orderCount) shadeHits(at, depth, Purpose::kOpacity);
     for (uint32_t k = 0; k < at.orderCount; ++k) {
       PathRay& p = at.path[at.order[k]];
       dim(p, p.hitOpacity);
@@ -312,6 +427,7 @@ void AnswerThread::runVisibility(Level& at, size_t depth) {
 void AnswerThread::runTrace(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   const bool tooDeep = at.rayLevel > uint32_t(tracer_.maxRayLevel());
+  bool leaving = false;  // some ray leaves the scene through a volume
   for (bool any = !tooDeep; any;) {
     any = false;
     at.orderCount = 0;
@@ -323,13 +439,14 @@ void AnswerThread::runTrace(Level& at, size_t depth) {
       if (!p.hit.any()) {
         p.going = false;
         if (p.missDepth == 0) p.missDepth = 1, p.missP = p.askedOrigin, p.missR = p.askedDirection;
+        leaving |= volumeKey(p) != 0;
         continue;
       }
       if (p.steps++ == 0) p.firstHit = p.hit;
       at.order[at.orderCount++] = i;
       any = true;
     }
-    if (at.orderCount) shadeHits(at, depth, false);
+    if (at.orderCount) shadeHits(at, depth, Purpose::kRadiance);
     for (uint32_t k = 0; k < at.orderCount; ++k) {
       PathRay& p = at.path[at.order[k]];
       p.color += p.through * p.hitColor;
@@ -337,31 +454,59 @@ void AnswerThread::runTrace(Level& at, size_t depth) {
       if (largest(p.through) < kCovered || p.steps >= kMaxSteps) {
         p.going = false;
       } else {
+        p.volumeOf = scene->entry(p.hit.entry).attributes;
+        p.inside = glm::dot(p.ray.direction, p.hit.normal) < 0;
+        p.segmentStart = p.hit.distance;
         scene->stepBehind(p.ray, p.hit);
       }
     }
   }
+  if (leaving) shadeMisses(at, depth);
 }
 
-void AnswerThread::shadeHits(Level& at, size_t depth, bool shadowRays) {
+/// Which Interior or Exterior a ray's present segment lies in: 0 none, else 1 + twice the attribute state,
+/// plus 1 inside.
+uint32_t AnswerThread::volumeKey(const PathRay& p) const {
+  const auto attributes = tracer_.cache().skeleton().attributes();
+  if (p.volumeOf >= attributes.size()) return 0;
+  const AttributeRecord& a = attributes[p.volumeOf];
+  if ((p.inside ? a.interior : a.exterior) == kNone) return 0;
+  return 1 + 2 * p.volumeOf + (p.inside ? 1 : 0);
+}
+
+namespace {
+void setVolume(ShadePoints& points, uint32_t key) {
+  if (key == 0) return;
+  points.volumeAttributes = (key - 1) / 2;
+  points.volume = (key - 1) & 1 ? ShadePoints::Volume::kInterior : ShadePoints::Volume::kExterior;
+}
+}  // namespace
+
+void AnswerThread::shadeHits(Level& at, size_t depth, Purpose purpose) {
   const RayScene* scene = tracer_.scene();
   for (uint32_t k = 0; k < at.orderCount; ++k) {
     const uint32_t i = at.order[k];
     at.group[i] = tracer_.shading().shadeGroup(scene->entry(at.path[i].hit.entry).attributes);
+    at.volume[i] = purpose == Purpose::kRadiance ? volumeKey(at.path[i]) : 0;
   }
   std::sort(at.order, at.order + at.orderCount, [&](uint32_t a, uint32_t b) {
-    const auto key = [&](uint32_t i) { return std::tuple(at.group[i], at.path[i].hit.entry, i); };
+    const auto key = [&](uint32_t i) {
+      return std::tuple(at.group[i], at.volume[i], at.path[i].hit.entry, i);
+    };
     return key(a) < key(b);
   });
   for (size_t first = 0; first < at.orderCount;) {
     size_t end = first + 1;
-    while (end < at.orderCount && at.group[at.order[end]] == at.group[at.order[first]]) ++end;
-    shadeGroup(at, depth, first, end, shadowRays);
+    const uint32_t i = at.order[first];
+    while (end < at.orderCount && at.group[at.order[end]] == at.group[i] &&
+           at.volume[at.order[end]] == at.volume[i])
+      ++end;
+    shadeGroup(at, depth, first, end, purpose);
     first = end;
   }
 }
 
-void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays) {
+void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end, Purpose purpose) {
   const RayScene* scene = tracer_.scene();
   const size_t n = end - first;
   for (size_t k = 0; k < n; ++k) {
@@ -369,22 +514,93 @@ void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end,
     at.node[k] = scene->entry(p.hit.entry).node;
     at.cell[k] = p.hit.cell;
     at.u[k] = p.hit.u, at.v[k] = p.hit.v;
-    for (int c = 0; c < 3; ++c) at.direction[c][k] = p.ray.direction[c], at.origin[c][k] = p.ray.origin[c];
     at.distance[k] = p.hit.distance;
-    at.radius[k] = std::max(0.0f, p.radius + p.spread * p.hit.distance);
-    at.spread[k] = p.spread;
-    at.time[k] = p.ray.time;
-    at.seed[k] = hashStep(p.seed, p.steps + (shadowRays ? kShadowSeed : 0));
+    at.seed[k] = hashStep(p.seed, p.steps + (purpose == Purpose::kOpacity ? kShadowSeed : 0));
   }
   ShadePoints points;
   points.topology = ShadePoints::Topology::kHits;
-  points.count = n;
   points.node = at.node, points.cell = at.cell, points.u = at.u, points.v = at.v;
+  points.shadowRay = purpose == Purpose::kOpacity;
+  points.valuesOnly = purpose == Purpose::kValues;
+  points.hitMode = at.terms.hitMode;
+  setVolume(points, at.volume[at.order[first]]);
+  shadePoints(at, depth, first, n, points, purpose);
+
+  ShadeTask& task = *at.task;
+  for (size_t k = 0; k < n; ++k) {
+    PathRay& p = at.path[at.order[first + k]];
+    const auto take = [&](auto get) { return Color(get(0)[k], get(1)[k], get(2)[k]); };
+    p.hitOpacity = saneOpacity(take([&](int c) { return task.opacity(c); }));
+    p.hitColor = purpose == Purpose::kOpacity ? Color(0) : sane(take([&](int c) { return task.color(c); }));
+  }
+  if (purpose != Purpose::kOpacity)
+    for (const Level::Extra& e : at.extras)
+      for (uint32_t c = 0; c < e.components; ++c) {
+        const float* values = task.output(e.name, int(c));
+        for (size_t k = 0; k < n; ++k) {
+          const uint32_t i = at.order[first + k];
+          if (at.path[i].steps == 1)
+            at.extra[e.column + c][i] = values && std::isfinite(values[k]) ? values[k] : 0.0f;
+        }
+      }
+  counts_.hitsShaded += n;
+}
+
+/// Volumes between the last surface and nothing: they end where the scene does.
+void AnswerThread::shadeMisses(Level& at, size_t depth) {
+  at.orderCount = 0;
+  for (uint32_t i = 0; i < at.count; ++i) {
+    const PathRay& p = at.path[i];
+    if (!p.sane || p.going || p.hit.any() || largest(p.through) <= 0) continue;
+    at.volume[i] = volumeKey(p);
+    if (at.volume[i] != 0) at.order[at.orderCount++] = i;
+  }
+  std::sort(at.order, at.order + at.orderCount,
+            [&](uint32_t a, uint32_t b) { return std::pair(at.volume[a], a) < std::pair(at.volume[b], b); });
+  for (size_t first = 0; first < at.orderCount;) {
+    size_t end = first + 1;
+    const uint32_t key = at.volume[at.order[first]];
+    while (end < at.orderCount && at.volume[at.order[end]] == key) ++end;
+    const size_t n = end - first;
+    for (size_t k = 0; k < n; ++k) {
+      const PathRay& p = at.path[at.order[first + k]];
+      at.distance[k] = p.ray.farDistance;
+      at.seed[k] = hashStep(p.seed, p.steps + 1 + kVolumeSeed);
+    }
+    ShadePoints points;
+    points.topology = ShadePoints::Topology::kVolume;
+    setVolume(points, key);
+    shadePoints(at, depth, first, n, points, Purpose::kRadiance);
+    for (size_t k = 0; k < n; ++k) {
+      PathRay& p = at.path[at.order[first + k]];
+      const auto take = [&](auto get) { return Color(get(0)[k], get(1)[k], get(2)[k]); };
+      p.color += p.through * sane(take([&](int c) { return at.task->color(c); }));
+      p.through *= Color(1) - saneOpacity(take([&](int c) { return at.task->opacity(c); }));
+    }
+    first = end;
+  }
+}
+
+/// Runs the shaders of paths [first, first + n) of the order, and answers what they ask.
+void AnswerThread::shadePoints(Level& at, size_t depth, size_t first, size_t n, ShadePoints& points,
+                               Purpose purpose) {
+  for (size_t k = 0; k < n; ++k) {
+    const PathRay& p = at.path[at.order[first + k]];
+    for (int c = 0; c < 3; ++c) at.direction[c][k] = p.ray.direction[c], at.origin[c][k] = p.ray.origin[c];
+    at.radius[k] = std::max(0.0f, p.radius + p.spread * at.distance[k]);
+    at.spread[k] = p.spread;
+    at.time[k] = p.ray.time;
+    at.segmentStart[k] = p.segmentStart;
+  }
+  points.count = n;
   for (int c = 0; c < 3; ++c) points.direction[c] = at.direction[c], points.origin[c] = at.origin[c];
   points.distance = at.distance, points.radius = at.radius, points.spread = at.spread, points.time = at.time;
+  points.segmentStart = at.segmentStart;
   points.seed = at.seed;
   points.level = at.rayLevel;
-  points.shadowRay = shadowRays;
+  points.rayClass = at.terms.rayClass;
+  points.diffuseDepth = at.terms.diffuseDepth, points.shadowDepth = at.terms.shadowDepth;
+  points.label = at.terms.label;
 
   if (!at.task) at.task = std::make_unique<ShadeTask>(tracer_.shading());
   ShadeTask& task = *at.task;
@@ -392,10 +608,12 @@ void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end,
   while (task.run() == ShadeTask::Status::kNeedsRays) {
     RayQuery& child = at.child;
     std::memset(child.point, 0x7f, sizeof child.point);  // nobody's, unless the task says whose
+    child.terms = RayTerms{};
     task.writeRays(child);
     child.level = at.rayLevel + 1;
     answerAt(child, depth + 1);
-    if (!shadowRays && (child.kind == RayKind::kTrace || child.kind == RayKind::kFullTrace)) {
+    if (purpose == Purpose::kRadiance &&
+        (child.kind == RayKind::kTrace || child.kind == RayKind::kFullTrace)) {
       for (uint32_t r = 0; r < std::min(child.count, kMaxRays); ++r) {
         if (child.missDepth[r] < 1) continue;
         const auto deepen = [&](size_t k) {
@@ -415,13 +633,6 @@ void AnswerThread::shadeGroup(Level& at, size_t depth, size_t first, size_t end,
     }
     task.readAnswers(child);
   }
-  for (size_t k = 0; k < n; ++k) {
-    PathRay& p = at.path[at.order[first + k]];
-    const auto take = [&](auto get) { return Color(get(0)[k], get(1)[k], get(2)[k]); };
-    p.hitOpacity = saneOpacity(take([&](int c) { return task.opacity(c); }));
-    p.hitColor = shadowRays ? Color(0) : sane(take([&](int c) { return task.color(c); }));
-  }
-  counts_.hitsShaded += n;
 }
 
 }  // namespace fr::tracer

@@ -14,6 +14,7 @@ class InprocOracle : public RayOracle {
       if (s.used) continue;
       if (!s.query) s.query = std::make_unique<RayQuery>();
       s.used = true, s.answered = false;
+      s.query->terms = RayTerms{};
       return s.query.get();
     }
     return nullptr;

@@ -62,6 +62,8 @@ struct HitFilter {
     const Vec3 normal = raw * (e.orientation / length);
     const float cosine = glm::dot(ray->direction, normal);
     if (e.oneSided && cosine > 0) return false;
+    if (cosine * float(ray->side) > 0) return false;
+    if (ray->seen && !ray->seen[e.attributes]) return false;
 
     const float rounding = kRounding * std::max(largestCoordinate(ray->origin),
                                                 largestCoordinate(ray->origin + t * ray->direction));

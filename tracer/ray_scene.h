@@ -24,6 +24,7 @@ enum RayMask : uint32_t {
   kReflectionRay = 2,
   kOpaqueShadowRay = 4,
   kFilteredShadowRay = 8,
+  kDiffuseRay = 16,
 };
 
 struct RaySceneOptions {
@@ -75,6 +76,8 @@ struct Ray {
   bool endsOnSurface =
       false;  // farDistance is a point that may lie on a surface: that surface is no occluder
   Departure departure;
+  const uint8_t* seen = nullptr;  // by AttributeId: what the ray can hit; nullptr: everything
+  int side = 0;                   // 1: hits front sides alone, -1: back sides
   // Stepping through surfaces: hits up to and including this one are behind us.
   uint32_t passedEntry = cache::kNone;
   uint32_t passedCell = 0;

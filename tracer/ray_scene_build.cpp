@@ -100,7 +100,9 @@ class RaySceneBuilder {
     if (o.attributes >= attributes.size()) return f;
     const AttributeRecord& a = attributes[o.attributes];
     if (options_.cameraRays && (a.visibility & kVisibleCamera)) f.mask |= kCameraRay;
-    if (a.visibility & kVisibleReflection) f.mask |= kReflectionRay;
+    if (a.visibility & kVisibleReflection)
+      f.mask |=
+          (a.flags & kNoSpecularRays ? 0u : kReflectionRay) | (a.flags & kNoDiffuseRays ? 0u : kDiffuseRay);
     if ((a.visibility & kVisibleShadow) && a.castsShadows != CastsShadows::kNever) {
       f.opaqueCaster = opaqueCaster_(id);
       f.mask |= f.opaqueCaster ? kOpaqueShadowRay : kFilteredShadowRay;

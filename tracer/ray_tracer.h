@@ -100,15 +100,22 @@ class AnswerThread {
   struct PathRay;
   Level& level(size_t depth);
   void answerAt(RayQuery& query, size_t depth);
-  void startPath(PathRay& path, const AskedRay& asked, uint32_t mask);
+  void readTerms(const RayTerms& terms, Level& at);
+  void startPath(PathRay& path, const AskedRay& asked, uint32_t mask, const Level& at);
   void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
   void runAt(RayKind kind, Level& at, size_t depth);
   void runVisibility(Level& at, size_t depth);
   void runTrace(Level& at, size_t depth);
+  void writeExtras(const Level& at, RayQuery& query, uint32_t first);
   void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first);
   void publishCounts();
-  void shadeHits(Level& at, size_t depth, bool shadowRays);
-  void shadeGroup(Level& at, size_t depth, size_t first, size_t end, bool shadowRays);
+  /// What shading a hit is for.
+  enum class Purpose { kRadiance, kOpacity, kValues };
+  uint32_t volumeKey(const PathRay& path) const;
+  void shadeHits(Level& at, size_t depth, Purpose purpose);
+  void shadeGroup(Level& at, size_t depth, size_t first, size_t end, Purpose purpose);
+  void shadeMisses(Level& at, size_t depth);
+  void shadePoints(Level& at, size_t depth, size_t first, size_t n, ShadePoints& points, Purpose purpose);
   Color attributeOpacity(const Hit& hit);
   void hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N);
 

@@ -66,6 +66,7 @@ class ShmOracle : public RayOracle {
         std::find_if(slots_.begin(), slots_.end(), [](const Slot& s) { return s.state == SlotState::kFree; });
     if (slot == slots_.end() || !takeBlock(*slot)) return nullptr;
     slot->query = slot->shared;
+    slot->query->terms = RayTerms{};
     slot->home = channel_;
     slot->state = SlotState::kFilling;
     return slot->query;

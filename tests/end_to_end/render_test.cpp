@@ -165,6 +165,46 @@ TEST(Render, BothModesAndAnyThreadsGiveTheSameBits) {
   EXPECT_GT(sum(shm, "R"), 100.0);
 }
 
+// Volumes, area lights and every kind of ray call: the tracer process must understand a block as the library
+// does.
+TEST(Render, RayCallsSayTheSameInBothModes) {
+  Workspace w;
+  w.write("asks.sl",
+          "surface asks() {\n"
+          "  normal n = normalize(faceforward(N, I)); color c = 0, told = 0, through = 0; float s0 = 0;\n"
+          "  if (raylevel() == 0) {\n"
+          "    c = 0.2 * occlusion(P, n, 4, \"maxdist\", 3) + 0.2 * indirectdiffuse(P, n, 4);\n"
+          "    c += 0.2 * trace(P, reflect(normalize(I), n), \"label\", \"mirror\", \"excludesubset\", "
+          "\"hidden\",\n"
+          "                     \"samples\", 2, \"samplecone\", 0.1, \"transmission\", through) + 0.1 * "
+          "through;\n"
+          "    gather(\"illuminance\", P, n, 0.6, 3, \"surface:told\", told, \"primitive:s\", s0) { c += "
+          "0.05 * told + 0.01 * s0; }\n"
+          "  }\n"
+          "  Ci = Cs * (c + diffuse(n)); Oi = 1;\n"
+          "}\n");
+  w.write("tells.sl",
+          "surface tells(output varying color told = 0) {\n"
+          "  told = color(u, v, raylevel()); Oi = 0.5 * Os; Ci = Oi * Cs;\n"
+          "  if (raylabel() == \"mirror\") Ci *= 0.5;\n"
+          "}\n");
+  const std::string world =
+      "Atmosphere \"fog\" \"distance\" [40]\n"
+      "AttributeBegin Attribute \"light\" \"int nsamples\" [4] \"string shadows\" [\"on\"]\n"
+      "AreaLightSource \"arealight\" 3 \"intensity\" [9] Surface \"constant\" Translate 0 3 0 Rotate 90 1 0 "
+      "0\n"
+      "Disk 0 1 360 AttributeEnd Illuminate 3 1\n"
+      "AttributeBegin Surface \"tells\" Interior \"fog\" \"distance\" [2] Sphere 1 -1 1 360 AttributeEnd\n"
+      "AttributeBegin Attribute \"grouping\" \"string membership\" [\"hidden\"] Surface \"tells\" Translate "
+      "1.5 0 1\n"
+      "Sphere 0.5 -0.5 0.5 360 AttributeEnd\n"
+      "Surface \"asks\" Polygon \"P\" [-5 -1 -5 -5 -1 5 5 -1 5 5 -1 -5]\n";
+  const Picture shm = render(w, world, {"--shm"});
+  EXPECT_GT(sum(shm, "R"), 10.0);
+  EXPECT_EQ(worst(shm, render(w, world, {"--inproc"})), 0.0);
+  EXPECT_EQ(worst(shm, render(w, world, {"--shm", "--threads", "3"})), 0.0);
+}
+
 TEST(Render, APrebuiltCacheChangesNothing) {
   Workspace w;
   w.write("raymirror.sl", kRayMirror);

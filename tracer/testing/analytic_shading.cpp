@@ -127,5 +127,6 @@ void ShadeTask::readAnswers(const RayQuery& q) {
 void ShadeTask::missAll() {}
 const float* ShadeTask::color(int c) const { return impl_->color[c].data(); }
 const float* ShadeTask::opacity(int c) const { return impl_->opacity[c].data(); }
+const float* ShadeTask::output(std::string_view, int) const { return nullptr; }
 
 }  // namespace fr

@@ -1,0 +1,338 @@
+// What ray calls say about their rays, and what becomes of the answers; area lights over analytic geometry;
+// brackets on triples; strings. Without a scene.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "shading/machine_fixture.h"
+
+namespace fr {
+namespace {
+
+std::shared_ptr<const ShaderInstance> surface(MachineFixture& f, const std::string& body) {
+  auto s = f.shader("surface t() { " + body + " }");
+  EXPECT_TRUE(s) << f.error;
+  return s;
+}
+
+TEST(RayCalls, TermsTravelWithTheRays) {
+  MachineFixture f;
+  RayTerms seen{};
+  f.oracle = [&](PendingRays& r) { seen = r.terms; };
+  const auto s =
+      surface(f,
+              "Ci = trace(P, N, \"bias\", 0.25, \"maxdist\", 7, \"label\", \"mine\", \"subset\", \"a,b\","
+              " \"excludesubset\", \"c\", \"hitsides\", \"front\", \"hitmode\", \"primitive\");");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.suspensions, 1);
+  EXPECT_EQ(seen.rayClass, RayClass::kSpecular);
+  EXPECT_EQ(seen.flags, RayTerms::kHasBias | RayTerms::kFrontOnly);
+  EXPECT_EQ(seen.bias, 0.25f);
+  EXPECT_EQ(seen.maxDistance, 7.0f);
+  EXPECT_EQ(seen.hitMode, HitMode::kPrimitive);
+  EXPECT_STREQ(seen.label, "mine");
+  EXPECT_STREQ(seen.subset, "a,b");
+  EXPECT_STREQ(seen.excludeSubset, "c");
+  EXPECT_EQ(seen.diffuseDepth, 0u);
+  const auto plain = surface(f, "Ci = trace(P, N);");
+  ASSERT_TRUE(plain);
+  f.run(*plain);
+  const RayTerms nothing{};
+  EXPECT_EQ(std::memcmp(&seen, &nothing, sizeof seen), 0);
+}
+
+TEST(RayCalls, LongNamesAreCutNotOverrun) {
+  MachineFixture f;
+  RayTerms seen{};
+  f.oracle = [&](PendingRays& r) { seen = r.terms; };
+  const auto s = surface(f, "Ci = trace(P, N, \"label\", \"" + std::string(500, 'x') + "\");");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(std::strlen(seen.label), sizeof seen.label - 1);
+}
+
+TEST(RayCalls, DepthsBoundDiffuseAndSpecularRays) {
+  MachineFixture f;
+  const auto diffuse = surface(f, "Ci = occlusion(P, N, 2) + indirectdiffuse(P, N, 2);");
+  const auto specular = surface(f, "Ci = trace(P, N);");
+  ASSERT_TRUE(diffuse && specular);
+  uint32_t depth = 0;
+  f.oracle = [&](PendingRays& r) { depth = r.terms.diffuseDepth; };
+  f.run(*diffuse);
+  EXPECT_EQ(f.suspensions, 4);
+  EXPECT_EQ(depth, 1u);
+  f.batch.level = f.batch.diffuseDepth = 1;
+  f.run(*diffuse);
+  EXPECT_EQ(f.suspensions, 0);
+  EXPECT_EQ(f.Ci(3), 0.0f);
+  f.run(*specular);
+  EXPECT_EQ(f.suspensions, 1);
+  f.batch.maxDiffuseDepth = 2;
+  f.run(*diffuse);
+  EXPECT_EQ(f.suspensions, 4);
+  EXPECT_EQ(depth, 2u);
+  f.batch.diffuseDepth = 0, f.batch.level = 3, f.batch.maxSpecularDepth = 3;
+  f.run(*specular);
+  EXPECT_EQ(f.suspensions, 0);
+}
+
+TEST(RayCalls, OcclusionFallsOffWithDistance) {
+  MachineFixture f;
+  f.oracle = [&](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) r.hitDistance[k] = 2;
+  };
+  const auto value = [&](const std::string& terms) {
+    const auto s = surface(f, "Ci = occlusion(P, N, 4" + terms + ");");
+    if (!s) return -1.0f;
+    f.run(*s);
+    return f.Ci(5);
+  };
+  EXPECT_EQ(value(""), 1.0f);
+  EXPECT_NEAR(value(", \"falloff\", 0.5"), std::exp(-1.0f), 1e-6);
+  EXPECT_NEAR(value(", \"falloff\", 3, \"falloffmode\", 1, \"maxdist\", 8"), std::pow(0.75f, 3.0f), 1e-6);
+}
+
+TEST(RayCalls, EnvironmentdirIsTheMeanOfWhatIsClear) {
+  MachineFixture f;
+  f.oracle = [&](PendingRays& r) {  // a wall hides all that goes to +x
+    for (uint32_t k = 0; k < r.count; ++k) r.hitDistance[k] = r.direction[0][k] > 0 ? 1.0f : kNoHit;
+  };
+  const auto s =
+      surface(f,
+              "vector clear = 0; Ci = occlusion(P, N, 256, \"environmentdir\", clear); Ci[1] = clear[0];"
+              " Ci[2] = length(clear);");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_NEAR(f.Ci(2, 0), 0.5, 0.02);
+  EXPECT_LT(f.Ci(2, 1), -0.3f);
+  EXPECT_NEAR(f.Ci(2, 2), 1, 1e-5);
+}
+
+TEST(RayCalls, SamplesOfAConeAreAveragedAndStayInside) {
+  MachineFixture f;
+  f.oracle = [&](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) {
+      EXPECT_GE(-r.direction[2][k], std::cos(0.3f) - 1e-5f);
+      r.hitDistance[k] = 1;
+      for (int c = 0; c < 3; ++c) r.color[c][k] = -r.direction[2][k];
+    }
+  };
+  const auto s = surface(f, "Ci = trace(P, N, \"samples\", 64, \"samplecone\", 0.3);");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.suspensions, 64);
+  // The mean cosine over a uniform cone is half way between its ends.
+  EXPECT_NEAR(f.Ci(1), 0.5f * (1 + std::cos(0.3f)), 1e-3);
+}
+
+TEST(RayCalls, GatherAsksForValuesAndGetsThem) {
+  MachineFixture f;
+  std::string extras;
+  f.oracle = [&](PendingRays& r) {
+    extras = r.terms.extras;
+    for (uint32_t k = 0; k < r.count; ++k) {
+      r.hitDistance[k] = 4;
+      for (uint32_t c = 0; c < kMaxExtraAnswers; ++c) r.extra[c][k] = float(c) + 1;
+    }
+  };
+  const auto s = surface(
+      f,
+      "float a = 0, b = 0; color c = 0; Ci = 0;\n"
+      "gather(\"illuminance\", P, N, 0, 1, \"primitive:s\", a, \"surface:c\", c, \"attribute:user:b\", b)"
+      " { Ci = color(a, comp(c, 2), b); }");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(extras, "1 primitive:s\n3 surface:c\n1 attribute:user:b\n");
+  EXPECT_EQ(f.Ci(4, 0), 1);
+  EXPECT_EQ(f.Ci(4, 1), 4);
+  EXPECT_EQ(f.Ci(4, 2), 5);
+}
+
+TEST(RayCalls, SamplePatternTracesNothing) {
+  MachineFixture f;
+  const auto s = surface(f,
+                         "vector d = 0; Ci = 0;\n"
+                         "gather(\"samplepattern\", P, N, 1, 8, \"ray:direction\", d) { Ci += 1000; } else { "
+                         "Ci += d . N / 8; }");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.suspensions, 0);
+  EXPECT_GT(f.Ci(0), 0.54f);
+  EXPECT_LT(f.Ci(0), 1.0f);
+}
+
+TEST(RayCalls, MapsNamedRaytrace) {
+  MachineFixture f;
+  f.oracle = [&](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) {
+      r.hitDistance[k] = 1;
+      for (int c = 0; c < 3; ++c) r.color[c][k] = 0.25f * float(c + 1);
+    }
+  };
+  const auto s =
+      surface(f, "string map = \"raytrace\"; Ci = environment(map, N) + float environment(map[2], N);");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.suspensions, 2);
+  EXPECT_NEAR(f.Ci(0, 0), 1.0, 1e-6);
+  EXPECT_NEAR(f.Ci(0, 1), 1.25, 1e-6);
+}
+
+// --- area lights ---
+
+/// A square with sides of 2 a at z = 1 - h over x = y = 0, seen from z = 1.
+class Square final : public Emitter {
+ public:
+  explicit Square(float half, float height) : half_(half), height_(height) {}
+  bool ready() const override { return true; }
+  void sample(const EmitterQuery& q) const override {
+    for (uint32_t i = 0; i < q.lanes; ++i) {
+      if (!q.mask[i]) continue;
+      const Vec3 P((2 * q.xi[i].x - 1) * half_, (2 * q.xi[i].y - 1) * half_, 1 - height_), N(0, 0, 1);
+      const Vec3 to = Vec3(q.Ps.at(i, 0), q.Ps.at(i, 1), q.Ps.at(i, 2)) - P;
+      for (uint32_t c = 0; c < 3; ++c) q.P.comp(c)[i] = P[int(c)], q.N.comp(c)[i] = N[int(c)];
+      q.factor[i] = std::max(0.0f, glm::dot(glm::normalize(to), N));
+    }
+  }
+
+ private:
+  float half_, height_;
+};
+/// Form factor of a parallel rectangle a by b at distance 1 over one of its corners.
+double corner(double a, double b) {
+  const double x = std::sqrt(1 + a * a), y = std::sqrt(1 + b * b);
+  return (a / x * std::atan(b / x) + b / y * std::atan(a / y)) / (2 * std::numbers::pi);
+}
+double irradiance(double x, double y, double half, double height) {
+  const auto signedCorner = [](double a, double b) {
+    return std::copysign(1.0, a) * std::copysign(1.0, b) * corner(std::fabs(a), std::fabs(b));
+  };
+  const double x0 = (-half - x) / height, x1 = (half - x) / height, y0 = (-half - y) / height,
+               y1 = (half - y) / height;
+  const double form =
+      signedCorner(x1, y1) - signedCorner(x0, y1) - signedCorner(x1, y0) + signedCorner(x0, y0);
+  // intensity 1 = radiance times area
+  return std::numbers::pi * form / (4 * half * half);
+}
+
+class AreaLightCalls : public ::testing::Test {
+ protected:
+  /// Root mean square error of diffuse() over the grid.
+  double error(uint32_t samples) {
+    const auto light = f.shader("light a() { illuminate(P, N, PI/2) Cl = 1 / (L . L); }");
+    EXPECT_TRUE(light) << f.error;
+    ShaderInstance area = *light;
+    area.emitter = std::make_shared<Square>(0.5f, 0.8f);
+    area.samples = samples;
+    area.id = 5;
+    const auto s = surface(f, "Ci = diffuse(N);");
+    f.run(*s, {&area});
+    double sum = 0;
+    for (uint32_t i = 0; i < f.count; ++i) {
+      const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+      const double e = double(f.Ci(i)) - irradiance(double(P.at(i, 0)), double(P.at(i, 1)), 0.5, 0.8);
+      sum += e * e;
+    }
+    return std::sqrt(sum / f.count);
+  }
+  MachineFixture f;
+};
+
+TEST_F(AreaLightCalls, SquareOverAPlane) { EXPECT_LT(error(256), 2e-3); }
+
+TEST_F(AreaLightCalls, ConvergesFasterThanIndependentSamples) {
+  const double e4 = error(4), e16 = error(16), e64 = error(64);
+  EXPECT_LT(e16, e4 / 2.5);
+  EXPECT_LT(e64, e16 / 2.5);
+  EXPECT_LT(e64, e4 / 10);
+}
+
+TEST_F(AreaLightCalls, DiffuseHitsTakeOneSample) {
+  const double e1 = error(1);
+  f.batch.level = f.batch.diffuseDepth = 1;
+  EXPECT_EQ(error(64), e1);
+}
+
+TEST(LightCache, RefreshRunsTheLightAgain) {
+  MachineFixture f;
+  const auto light = f.shader("light a(float bright = 1) { illuminate(point(0, 0, 0)) Cl = bright; }");
+  ASSERT_TRUE(light) << f.error;
+  const auto points = [&](const std::string& terms) {
+    const auto s = surface(
+        f, "color c = 0; illuminance(P) { c += Cl; } illuminance(P" + terms + ") { c += Cl; } Ci = c;");
+    if (!s) return 0.0;
+    f.machine.statistics() = {};
+    f.run(*s, {light.get()});
+    return double(f.machine.statistics().lightPoints) / f.count;
+  };
+  EXPECT_EQ(points(""), 1);
+  EXPECT_EQ(points(", \"lightcache\", \"reuse\""), 1);
+  EXPECT_EQ(points(", \"lightcache\", \"refresh\""), 2);
+  EXPECT_EQ(f.Ci(0), 2);
+  EXPECT_EQ(points(", \"send:bright\", 5"), 2);
+  EXPECT_EQ(f.Ci(0), 6);
+  const auto told = surface(f, "float b = 0; illuminance(P, \"light:bright\", b) { Ci = b; }");
+  ASSERT_TRUE(told);
+  f.run(*told, {light.get()});
+  EXPECT_EQ(f.Ci(0), 1);
+}
+
+TEST(LightCache, PartsOfALightAreLeftOut) {
+  MachineFixture f;
+  const auto light = f.shader(
+      "light a(float __nondiffuse = 0.25; float __nonspecular = 1) { solar(vector(0, 0, 1), 0) Cl = 1; }");
+  const auto s = surface(f, "Ci = color(comp(diffuse(N), 0), comp(specular(N, -normalize(I), 0.1), 0), 0);");
+  ASSERT_TRUE(light && s) << f.error;
+  f.run(*s, {light.get()});
+  EXPECT_NEAR(f.Ci(0, 0), 0.75, 1e-6);
+  EXPECT_EQ(f.Ci(0, 1), 0);
+}
+
+// --- brackets and strings ---
+
+TEST(Components, ReadAndWrittenByIndex) {
+  MachineFixture f;
+  const auto s =
+      surface(f,
+              "point q = point(1, 2, 3); color c = (4, 5, 6); vector a[2]; a[1] = vector(7, 8, 9);\n"
+              "q[1] = 10; q[2] += 1; float k = 0; c[k] *= 2;\n"
+              "Ci = color(q[1] + q[2], c[0], a[1][2] + (q + vector(0, 0, 1))[0]);\n"
+              "Ci[2] = Ci[2] + (vector noise(P)[1] - ycomp(vector noise(P)));");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.Ci(0, 0), 14);
+  EXPECT_EQ(f.Ci(0, 1), 8);
+  EXPECT_EQ(f.Ci(0, 2), 10);
+  EXPECT_FALSE(f.shader("surface t() { float x = 1; Ci = x[0]; }"));
+  EXPECT_FALSE(f.shader("surface t() { Ci[3] = 1; }"));
+}
+
+TEST(Strings, LengthAndParts) {
+  MachineFixture f;
+  const auto s =
+      surface(f,
+              "string a = \"texture\"; Ci = color(strlen(a), 0, 0);\n"
+              "if (substr(a, 0, 3) == \"tex\") Ci[1] += 1; if (substr(a, -4, -1) == \"ture\") Ci[1] += 2;\n"
+              "if (substr(a, 90, 5) == \"\") Ci[1] += 4; if (substr(a, 2, 90) == \"xture\") Ci[1] += 8;");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.Ci(0, 0), 7);
+  EXPECT_EQ(f.Ci(0, 1), 15);
+}
+
+TEST(MachineStatistics, LanesAreCounted) {
+  MachineFixture f(7, 3);  // 32 points
+  const auto s = surface(f, "float x = u; if (u < 0.4) x = sin(x) + v; Ci = x;");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  const auto& n = f.machine.statistics();
+  EXPECT_GT(n.lanesActive, 0u);
+  EXPECT_LT(n.lanesActive, n.lanesTotal);
+  EXPECT_EQ(n.lanesTotal % f.lanes, 0u);
+}
+
+}  // namespace
+}  // namespace fr
