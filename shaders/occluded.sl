@@ -2,11 +2,11 @@
 surface occluded(float Ka = 1, Kd = 0; float samples = 64; float maxdist = 1e30; float coneangle = PI / 2;)
 {
     normal n = normalize(faceforward(N, I));
-    color light = 0;
+    color arriving = 0;
     if (Ka > 0)
-        light += Ka * (1 - occlusion(P, n, samples, "maxdist", maxdist, "coneangle", coneangle));
+        arriving += Ka * (1 - occlusion(P, n, samples, "maxdist", maxdist, "coneangle", coneangle));
     if (Kd > 0)
-        light += Kd * diffuse(n);
+        arriving += Kd * diffuse(n);
     Oi = Os;
-    Ci = Os * Cs * light;
+    Ci = Os * Cs * arriving;
 }

@@ -190,6 +190,15 @@ TEST(RayFunctions, IndirectDiffuseInAFurnace) {
       0.5, 1e-4);
 }
 
+TEST(RayFunctions, StandardShadersThatUseThem) {
+  const std::string sky =
+      "AttributeBegin Surface \"occluded\" \"samples\" [64]\n" + square(0) + "AttributeEnd\n";
+  EXPECT_NEAR(mean(picture(sky, {})), 1, 1e-5);
+  // Smoke without lights only dims: exp(-density length).
+  EXPECT_NEAR(mean(picture("Surface \"constant\" Atmosphere \"smoke\" \"density\" [0.02]\n" + square(0), {})),
+              std::exp(-1.0), 1e-4);
+}
+
 // --- what limits rays ---
 
 TEST(RayFunctions, SubsetsSidesAndDistances) {
