@@ -111,7 +111,7 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   NoLintLines ignored;
   parseFile(tokenize(preludeText, diagnostics, ignored), source, diagnostics, {true}, prelude);
 
-  const LowerInput input{&source, &file, &prelude, &diagnostics, &noLint, options.lint};
+  const LowerInput input{&source, &file, &prelude, &diagnostics, &noLint, options.lint, &options.shadeopPaths};
   if (file.shaders.empty() && !diagnostics.hasErrors())
     diagnostics.add({Severity::kError,
                      RiError::kSyntax,

@@ -11,9 +11,10 @@ namespace fr {
 
 struct CompileOptions {
   std::vector<std::string> includePaths;
-  std::vector<std::string> defines;  // NAME or NAME=VALUE; "!NAME" undefines a predefined macro
-  bool lint = false;                 // more warnings (slc -W)
-  int optimize = 2;                  // 0 nothing, 1 dead code and copies, 2 also shared registers
+  std::vector<std::string> defines;       // NAME or NAME=VALUE; "!NAME" undefines a predefined macro
+  std::vector<std::string> shadeopPaths;  // folders of shared objects with functions (shadeop_library.h)
+  bool lint = false;                      // more warnings (slc -W)
+  int optimize = 2;                       // 0 nothing, 1 dead code and copies, 2 also shared registers
 };
 
 /// Compiles all shaders of `source` (surface, light ... definitions, in order). On errors the diagnostics say
@@ -30,6 +31,6 @@ Result<ShaderProgram> compileShaderString(const std::string& source, const Compi
                                           const std::string& fileName = "shader.sl");
 
 /// Counts up whenever the compiler produces other programs from the same source.
-inline constexpr uint32_t kCompilerVersion = 1;
+inline constexpr uint32_t kCompilerVersion = 2;
 
 }  // namespace fr

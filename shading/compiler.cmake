@@ -4,6 +4,7 @@ fr_library(fr_slc
           lower_inline.cpp lower_statement.cpp prelude.cpp uniformity.cpp analyze.cpp validate.cpp
           optimize_fold.cpp optimize_copies.cpp optimize_dead.cpp optimize_registers.cpp compile.cpp slx.cpp
           shader_library.cpp
+          shadeop_library.cpp lower_shadeop.cpp
   DEPS fr_base
-  PRIVATE_DEPS fmt::fmt Boost::wave)
+  PRIVATE_DEPS fmt::fmt Boost::wave ${CMAKE_DL_LIBS})
 fr_test(compiler_test SOURCES compiler_test.cpp slx_test.cpp DEPS fr_slc)

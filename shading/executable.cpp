@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/error.h"
+
 namespace fr {
 
 Executable::Executable(std::shared_ptr<const ShaderProgram> program,
@@ -123,6 +125,30 @@ void Executable::placeSymbols() {
   }
 }
 
+/// Not found, or not what the program was compiled for: the machine says so when it gets there.
+void Executable::bindShadeop(Step& s, const Instruction& in) {
+  const ShaderProgram& p = *program_;
+  const auto o = p.operands(in);
+  const auto text = [&](size_t k) -> const std::string& { return p.strings[p.symbol(o[k]).data]; };
+  const Result<const Shadeop*> op = fr::bindShadeop(text(1), text(2), text(3));
+  if (!op) return reportOnce("shadeop." + text(1) + text(2) + text(3), op.error());
+  const ShadeopSpec& spec = (*op)->spec;
+  bool fits = o.size() == 4 + 2 * spec.arguments.size() &&
+              p.symbol(o[0]).type == (spec.result == SlType::kVoid ? SlType::kFloat : spec.result);
+  for (size_t k = 0; fits && k < spec.arguments.size(); ++k) {
+    const Symbol& x = p.symbol(o[5 + 2 * k]);
+    const ShadeopArgument& a = spec.arguments[k];
+    fits = slTypeFloats(x.type) == slTypeFloats(a.type) && x.isArray() == a.isArray &&
+           (a.arrayLength == 0 || x.arrayLength == a.arrayLength);
+  }
+  if (!fits)
+    return reportOnce(
+        "shadeop." + text(1) + text(2) + text(3),
+        makeError(RiError::kBadFile, "shader '{}': the call of {}() does not fit \"{}\" of '{}'", p.name,
+                  text(2), text(3), text(1)));
+  s.shadeop = *op;
+}
+
 void Executable::prepareSteps() {
   const ShaderProgram& p = *program_;
   const KernelTable& table = kernels();
@@ -141,6 +167,7 @@ void Executable::prepareSteps() {
     s.control = (flags & kOpControl) != 0;
     for (uint32_t a : p.operands(in))
       if (a & kArgWritten) s.varying |= places_[a & kArgIndex].varying;
+    if (in.op == Op::dso_call) bindShadeop(s, in);
     if (flags & (kOpRandom | kOpRay | kOpTexture)) s.counter = counters_++;
     if (opensBlock(in.op)) depth_ = std::max(depth_, ++depth);
     if (closesBlock(in.op) && depth > 0) --depth;

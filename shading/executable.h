@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "shading/kernels.h"
+#include "shading/shadeop_library.h"
 
 namespace fr {
 
@@ -19,6 +20,7 @@ struct Step {
   uint32_t jump = kNoIndex;
   Op op = Op::nop;
   uint16_t argCount = 0;
+  const Shadeop* shadeop = nullptr;
   uint32_t counter = kNoIndex;  // column of per-point invocation counts (random numbers, rays)
   bool varying = false;         // some result is varying: runs over the whole batch
   bool masked = false;
@@ -57,6 +59,7 @@ class Executable {
   void inferClasses(const std::vector<std::string>& varyingParameters);
   void placeSymbols();
   void prepareSteps();
+  void bindShadeop(Step& s, const Instruction& in);
 
   std::shared_ptr<const ShaderProgram> program_;
   std::vector<Step> steps_;

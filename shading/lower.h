@@ -10,6 +10,7 @@
 #include "shading/builder.h"
 #include "shading/builtins.h"
 #include "shading/lexer.h"
+#include "shading/shadeop_library.h"
 
 namespace fr {
 
@@ -21,6 +22,7 @@ struct LowerInput {
   Diagnostics* diagnostics = nullptr;
   const NoLintLines* noLint = nullptr;
   bool lint = false;
+  const std::vector<std::string>* shadeopPaths = nullptr;  // folders of shared objects with functions
 };
 
 /// Compiles one shader; nothing when there were errors (which are in the diagnostics). The program is
@@ -74,10 +76,11 @@ struct Scope {
 
 /// Result of overload resolution.
 struct Call {
-  enum class Kind { kNone, kUser, kBuiltin } kind = Kind::kNone;
+  enum class Kind { kNone, kUser, kBuiltin, kShadeop } kind = Kind::kNone;
   const Builtin* builtin = nullptr;
   FunctionDef user;
   SlType result = SlType::kVoid;
+  const Shadeop* shadeop = nullptr;
 };
 
 class Lower {
@@ -126,6 +129,8 @@ class Lower {
   int conversionCost(SlType from, SlType to) const;
   int builtinCost(const Builtin& b, const Expr& e, Want want, SlType& result);
   int userCost(const ast::Function& f, const Expr& e, Want want);
+  int shadeopCost(const ShadeopSpec& s, const Expr& e, Want want);
+  const std::vector<const Shadeop*>& shadeops(const std::string& name);
   bool isArrayName(const Expr& e, SlType* elementType);
   std::string callText(const Expr& e);
 
@@ -162,6 +167,10 @@ class Lower {
   /// A symbol to be read and written for any variable or array; element targets are copied back by
   /// storeOutputs.
   uint32_t variableOperand(const Expr& e, std::vector<std::pair<uint32_t, const Expr*>>& outputs);
+
+  // lower_shadeop.cpp
+  Value shadeopCall(const Shadeop& op, const Expr& e);
+  bool isPlainVariable(const Expr& e, SlType type);
 
   // lower_inline.cpp
   Value userCall(const FunctionDef& def, const Expr& e, SlType result);
@@ -202,6 +211,11 @@ class Lower {
   std::unordered_map<const Expr*, std::vector<std::pair<uint16_t, SlType>>> types_;
   std::unordered_map<const Expr*, std::vector<std::pair<uint16_t, Call>>> calls_;
   std::unordered_map<const ast::Function*, std::set<std::string>> assigned_;
+  struct FoundShadeops {
+    std::vector<const Shadeop*> overloads;
+    std::string error;  // what is wrong with the library
+  };
+  std::unordered_map<std::string, FoundShadeops> shadeops_;
 };
 
 }  // namespace fr

@@ -50,6 +50,7 @@ Value Lower::call(const Expr& e, Want want) {
     }
   }
   if (c.kind == Call::Kind::kBuiltin) return builtinCall(*c.builtin, e, c.result);
+  if (c.kind == Call::Kind::kShadeop) return shadeopCall(*c.shadeop, e);
 
   // Nothing fits: say why.
   bool userKnown = false;
@@ -77,6 +78,16 @@ Value Lower::call(const Expr& e, Want want) {
       hint += ")";
     }
     error(e.place, fmt::format("no version of '{}' takes these arguments: {}", e.text, callText(e)), hint);
+    return {};
+  }
+  if (const std::vector<const Shadeop*>& found = shadeops(e.text); !found.empty()) {
+    std::string hint = fmt::format("'{}' has", found[0]->path);
+    for (const Shadeop* op : found) hint += fmt::format("{} \"{}\"", op == found[0] ? "" : ",", op->text);
+    error(e.place, fmt::format("no version of '{}' takes these arguments: {}", e.text, callText(e)), hint);
+    return {};
+  }
+  if (const std::string& why = shadeops_[e.text].error; !why.empty()) {
+    error(e.place, fmt::format("'{}' cannot be called: {}", e.text, why), "", RiError::kBadFile);
     return {};
   }
   NearestWord near(e.text);

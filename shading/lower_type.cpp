@@ -261,6 +261,15 @@ Call Lower::resolve(const Expr& e, Want want) {
       }
     }
   }
+  if (best.kind == Call::Kind::kNone) {
+    for (const Shadeop* op : shadeops(e.text)) {
+      const int cost = shadeopCost(op->spec, e, want);
+      if (cost < bestCost) {
+        bestCost = cost;
+        best = {Call::Kind::kShadeop, nullptr, {}, op->spec.result, op};
+      }
+    }
+  }
   calls_[&e].emplace_back(wantKey(want), best);
   return best;
 }

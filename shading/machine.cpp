@@ -31,8 +31,6 @@ void DerivativeStencil::resize(size_t lanes) {
   for (auto* v : {&uScale, &vScale, &uCell, &vCell}) v->assign(lanes, 0.0f);
 }
 
-Machine::Machine(const ShaderHost& host) : host_(host) {}
-Machine::~Machine() = default;
 
 bool Machine::any(const int32_t* m) const { return kernels().anyActive(m, batch_.lanes); }
 

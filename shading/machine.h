@@ -181,6 +181,12 @@ class Machine {
   void randomOp(Frame& f, const Step& s);
   void splineOp(Frame& f, const Step& s);
   void arrayOp(Frame& f, const Step& s);
+  // machine_shadeop.cpp
+  void shadeopCall(Frame& f, const Step& s);
+  void callByPoint(Frame& f, const Step& s, bool varying);
+  void callByBatch(Frame& f, const Step& s, bool varying);
+  void prepareStrings(Frame& f, const Step& s);
+  void takeStrings(Frame& f, const Step& s);
   // machine_texture.cpp
   void textureOp(Frame& f, const Step& s);
   void textureOptions(Frame& f, const Step& s, uint32_t fixed, FrTextureCall& call);
@@ -226,6 +232,8 @@ class Machine {
   AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
   AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
   std::vector<Vec2> pairs_;    // random numbers for points of a light
+  struct ShadeopCalls;  // buffers for calls of shared objects
+  std::unique_ptr<ShadeopCalls> shadeopCalls_;
   MachineStatistics statistics_;
 };
 

@@ -61,6 +61,8 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::depth:
     case Op::ctransform:
       return transformOp(f, s);
+    case Op::dso_call:
+      return shadeopCall(f, s);
     case Op::raylevel:
       return setFloat(f, a[0], float(batch_.level));
     case Op::isshadowray:

@@ -106,6 +106,7 @@ class MachineFixture {
     CompileOptions options;
     options.optimize = optimize;
     options.includePaths = includePaths;
+    options.shadeopPaths = shadeopPaths;
     auto program = compileShaderString(source, options, diagnostics);
     if (!program) {
       error = program.error().str();
@@ -136,7 +137,7 @@ class MachineFixture {
   Batch batch;
   uint32_t count = 0, lanes = 0;
   std::string error;
-  std::vector<std::string> includePaths;
+  std::vector<std::string> includePaths, shadeopPaths;
   int suspensions = 0;
   std::function<void(PendingRays&)> oracle;
 

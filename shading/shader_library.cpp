@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <filesystem>
 
+#include "shading/shadeop_library.h"
 #include "shading/slx.h"
 #include "shading/source.h"
 
@@ -112,6 +113,7 @@ ShaderLibrary::Found ShaderLibrary::tryFolder(const std::string& stem, bool& exi
   if (isFile(slx)) {
     Result<ShaderProgram> p = readSlxFile(slx);
     if (p && !(haveSource && isStale(*p, sl))) {
+      if (Result<void> bound = bindShadeops(*p, shadeopFolders(slx)); !bound) return std::move(bound).error();
       std::lock_guard lock(mutex_);
       statistics_.loaded++;
       return std::make_shared<const ShaderProgram>(std::move(*p));
@@ -126,10 +128,19 @@ ShaderLibrary::Found ShaderLibrary::tryFolder(const std::string& stem, bool& exi
   return makeError(RiError::kNoShader, "no '{}'", stem);
 }
 
+std::vector<std::string> ShaderLibrary::shadeopFolders(const std::string& shader) const {
+  std::vector<std::string> r = options_.compile.shadeopPaths;
+  r.insert(r.end(), options_.folders.begin(), options_.folders.end());
+  r.push_back(fs::path(shader).parent_path().string());
+  if (!options_.standardShaders.empty()) r.push_back(options_.standardShaders);
+  return r;
+}
+
 ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::string& slxPath) {
   const auto start = std::chrono::steady_clock::now();
   CompileOptions options = options_.compile;
   options.includePaths.insert(options.includePaths.begin(), fs::path(path).parent_path().string());
+  options.shadeopPaths = shadeopFolders(path);
   Diagnostics diagnostics;
   Result<ShaderProgram> p = compileShaderFile(path, options, diagnostics);
   {

@@ -47,6 +47,7 @@ class ShaderLibrary {
   Found load(const std::string& name);
   Found tryFolder(const std::string& stem, bool& exists);
   Found compile(const std::string& path, const std::string& slxPath);
+  std::vector<std::string> shadeopFolders(const std::string& shader) const;
 
   Options options_;
   mutable std::mutex mutex_;

@@ -43,6 +43,7 @@ struct ShadingSystem::Impl {
 
   cache::SceneCache& scene;
   Options options;
+  ShadeopUser shadeops;  // first in, last out
   SceneHost host;
   ShaderLibrary library;
   float prmanSpecular = 0;

@@ -139,7 +139,8 @@ class Uniformity {
       const auto operands = p_.operands(in);
       bool value = (info.flags & (kOpResultVarying | kOpRay)) != 0;
       for (uint32_t a : operands)
-        if ((a & kArgRead) && !(a & kArgWritten) && symbol(a).isVarying()) value = true;
+        if ((a & kArgRead) && (!(a & kArgWritten) || in.op == Op::dso_call) && symbol(a).isVarying())
+          value = true;
       const bool ofPoint = in.op == Op::msg_surface || in.op == Op::msg_displacement ||
                            in.op == Op::msg_atmosphere || in.op == Op::msg_lightsource ||
                            in.op == Op::msg_incident || in.op == Op::msg_opposite || in.op == Op::get_rayinfo;

@@ -110,6 +110,12 @@ bool extraRules(const ShaderProgram& p, const Instruction& in) {
     case Op::spline_f:
     case Op::spline_t:
       return in.argCount >= 7;
+    case Op::dso_call: {
+      if (p.symbol(o[0]).isArray()) return false;
+      for (size_t k = 1; k < 4; ++k)
+        if (p.symbol(o[k]).storage != Storage::kConstant) return false;
+      return true;
+    }
     default:
       return true;
   }

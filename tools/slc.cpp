@@ -29,6 +29,9 @@ int compileOne(const std::string& file, const Settings& s) {
   options.includePaths = s.includePaths;
   options.defines = s.defines;
   options.lint = s.lint;
+  options.shadeopPaths = s.includePaths;
+  options.shadeopPaths.push_back(std::filesystem::path(file).parent_path().string());
+  options.shadeopPaths.push_back(".");
   auto programs = fr::compileShaders(file, *text, options, diagnostics);
   if (!s.quiet || diagnostics.hasErrors()) std::fputs(diagnostics.str().c_str(), stderr);
   if (!programs) return 1;
@@ -60,7 +63,7 @@ int main(int argc, char** argv) {
       "slc"};
   app.add_option("files", s.files, "shader sources (.sl)")->required();
   app.add_option("-o,--output", s.output, "name of the compiled file (one shader only)");
-  app.add_option("-I", s.includePaths, "folder for #include; may be repeated")->allow_extra_args(false);
+  app.add_option("-I", s.includePaths, "folder for #include and for shared objects with functions; may be repeated")->allow_extra_args(false);
   app.add_option("-D", s.defines, "macro NAME or NAME=VALUE; may be repeated")->allow_extra_args(false);
   app.add_flag("-W,--warnings", s.lint,
                "more warnings: unused and uninitialised variables, undefined derivatives ...");

@@ -1,0 +1,2 @@
+#include "shadeop.h"
+SHADEOP_TABLE(broken) = {{"float missing_call(float)", "", ""}, {"", "", ""}};
