@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "shading/lower.h"
 
 namespace fr {
@@ -216,9 +218,31 @@ Value Lower::unaryValue(const Expr& e, Want want) {
 Value Lower::binaryValue(const Expr& e, Want want) {
   const std::string& op = e.text;
   if (op == "&&" || op == "||") {
-    Value a = condition(*e.args[0]), b = condition(*e.args[1]);
+    Value a = condition(*e.args[0]);
+    const size_t start = b_.program.code.size();
+    Value b = condition(*e.args[1]);
     if (!a.ok() || !b.ok()) return {};
     at(e.place);
+    auto& code = b_.program.code;
+    const bool effects = std::any_of(code.begin() + long(start), code.end(), [](const Instruction& in) {
+      const uint32_t flags = opInfo(in.op).flags;
+      return !(flags & (kOpPure | kOpTexture));
+    });
+    if (effects) {
+      // As in C: only points that the left side has not decided evaluate the right side. What has no effects
+      // is cheaper for all.
+      const std::vector<Instruction> right(code.begin() + long(start), code.end());
+      code.resize(start);
+      const uint32_t result = b_.local("?", SlType::kFloat);
+      const uint32_t decided =
+          b_.result(op == "&&" ? Op::ne_f : Op::eq_f, SlType::kFloat, {a.symbol, b_.constantFloat(0)});
+      b_.assign(result, b_.constantFloat(op == "&&" ? 0.0f : 1.0f));
+      b_.emit(Op::if_begin, {decided});
+      code.insert(code.end(), right.begin(), right.end());
+      b_.assign(result, b_.result(Op::ne_f, SlType::kFloat, {b.symbol, b_.constantFloat(0)}));
+      b_.emit(Op::if_end, {});
+      return {result, SlType::kFloat};
+    }
     return {b_.result(op == "&&" ? Op::and_f : Op::or_f, SlType::kFloat, {a.symbol, b.symbol}),
             SlType::kFloat};
   }

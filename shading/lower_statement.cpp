@@ -148,6 +148,7 @@ void Lower::initialise(uint32_t symbol, const ast::Variable& v, uint32_t length)
     Binding b;
     b.symbol = symbol;
     b.type = v.type;
+    b.isArray = true;
     for (uint32_t i = 0; i < length && !b_.full(); ++i)
       store(target, b, {b_.constantFloat(float(i)), SlType::kFloat}, value);
     return;
@@ -160,6 +161,7 @@ void Lower::initialise(uint32_t symbol, const ast::Variable& v, uint32_t length)
   Binding b;
   b.symbol = symbol;
   b.type = v.type;
+  b.isArray = true;
   Expr target;
   target.kind = ExprKind::kIndex;
   target.place = v.place;

@@ -437,5 +437,52 @@ TEST_F(MachineTest, EndlessLoopsEnd) {
   setReportSink({});
 }
 
+TEST(Strings, WidthAndPrecisionOfFormats) {
+  MachineFixture m;
+  auto s = m.shader(
+      "surface a() { printf(\"%s|%04d|%.2f|%-4d|%5s|%g|%f|%99999d|%d\\n\", concat(\"t.\", format(\"%03d\", "
+      "7)), 42, 1.005, 3,"
+      " \"ab\", 0.5, 0.25, 1, -2.7); }");
+  ASSERT_TRUE(s) << m.error;
+  m.run(*s);
+  EXPECT_EQ(m.host.printed.substr(0, 42), "t.007|0042|1.00|3   |   ab|0.5|0.25|      ") << m.host.printed;
+}
+
+TEST(Statements, RightSideOfAndAndOrOnlyWhereItDecides) {
+  MachineFixture m;
+  auto s = m.shader(
+      "float touch(output float n; float r) { n += 1; return r; }\n"
+      "surface a() { float n = 0, k = 0; if (u > 0.5 && touch(n, v) > 0.5) k += 1; if (u > 0.5 || touch(n, "
+      "v) > 0.5) k += 2;"
+      " float z = (v > 0.5 && (n += 10) > 0); Ci = color(n, k, z); }");
+  ASSERT_TRUE(s) << m.error;
+  m.run(*s);
+  for (uint32_t i = 0; i < m.count; ++i) {
+    const float u = m.batch.globals[size_t(GlobalId::k_u)].at(i),
+                v = m.batch.globals[size_t(GlobalId::k_v)].at(i);
+    EXPECT_EQ(m.Ci(i, 0), 1 + (v > 0.5f ? 10 : 0)) << i;  // each point evaluates one of the two
+    EXPECT_EQ(m.Ci(i, 1), (u > 0.5f && v > 0.5f ? 1 : 0) + (u > 0.5f || v > 0.5f ? 2 : 0)) << i;
+    EXPECT_EQ(m.Ci(i, 2), v > 0.5f ? 1 : 0) << i;
+  }
+}
+
+TEST(Arrays, InitialisersFromValuesThatAreNotConstant) {
+  MachineFixture m;
+  auto s = m.shader(
+      "surface a(string names[3] = {\"a\", \"b\", \"c\"}; float k = 2; float w[2] = {k, k * 3}; color c[2] = "
+      "color(k, 1, 0);)"
+      " { float x[2] = {u, v}; float y[3] = u; Ci = color(x[0] + x[1], y[2], w[1]) + c[1] + (names[2] == "
+      "\"c\" ? 1 : 0); }");
+  ASSERT_TRUE(s) << m.error;
+  m.run(*s);
+  for (uint32_t i = 0; i < m.count; ++i) {
+    const float u = m.batch.globals[size_t(GlobalId::k_u)].at(i),
+                v = m.batch.globals[size_t(GlobalId::k_v)].at(i);
+    EXPECT_EQ(m.Ci(i, 0), (u + v) + 2 + 1);
+    EXPECT_EQ(m.Ci(i, 1), u + 1 + 1);
+    EXPECT_EQ(m.Ci(i, 2), 7);
+  }
+}
+
 }  // namespace
 }  // namespace fr

@@ -1,6 +1,7 @@
 // Strings and message passing.
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <regex>
 
@@ -14,6 +15,39 @@ std::string_view Machine::keep(std::string s) {
   return texts_.back();
 }
 
+namespace {
+/// One value with the flags, width and precision of C's printf; a number without any is written as short as
+/// it can be.
+std::string laidOut(std::string_view layout, char type, float number, const std::string& text) {
+  if (layout.empty())
+    return type == 's'   ? text
+           : type == 'd' ? fmt::format("{}", int64_t(number))
+                         : fmt::format("{:g}", number);
+  // At most three digits of width and precision: "%99999999f" is no way to fill memory.
+  std::string format = "%";
+  int digits = 0, dots = 0;
+  for (char c : layout) {
+    if (c == '.' && dots++) break;
+    digits = std::isdigit(static_cast<unsigned char>(c)) ? digits + 1 : 0;
+    if (digits > 3) break;
+    format += c;
+  }
+  format += type == 'd' ? "lld" : type == 's' ? "s" : "f";
+  char buffer[4200];
+  int n = 0;
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wformat-nonliteral"
+  if (type == 's')
+    n = std::snprintf(buffer, sizeof(buffer), format.c_str(), text.c_str());
+  else if (type == 'd')
+    n = std::snprintf(buffer, sizeof(buffer), format.c_str(), static_cast<long long>(number));
+  else
+    n = std::snprintf(buffer, sizeof(buffer), format.c_str(), double(number));
+#pragma GCC diagnostic pop
+  return std::string(buffer, size_t(std::clamp(n, 0, int(sizeof(buffer)) - 1)));
+}
+}  // namespace
+
 /// printf's format with the operands from `first` on, for one point.
 void Machine::formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out) {
   const std::string_view pattern = text(f, s, first);
@@ -24,12 +58,12 @@ void Machine::formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane,
       out += pattern[i];
       continue;
     }
-    // Width and precision are accepted and ignored.
     size_t k = i + 1;
     while (k < pattern.size() && (std::isdigit(static_cast<unsigned char>(pattern[k])) || pattern[k] == '.' ||
                                   pattern[k] == '-' || pattern[k] == '+'))
       ++k;
     const char type = k < pattern.size() ? pattern[k] : '%';
+    const std::string_view layout = pattern.substr(i + 1, k - i - 1);
     i = k;
     if (type == '%') {
       out += '%';
@@ -44,12 +78,15 @@ void Machine::formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane,
     const Symbol& sym = p.symbols[symbol];
     ++next;
     if (sym.type == SlType::kString) {
-      out += f.strings(symbol)[0];
+      out += laidOut(layout, 's', 0, std::string(f.strings(symbol)[0]));
     } else if (type == 'd') {
-      out += fmt::format("{}", int64_t(std::clamp(o.at(lane), -9e15f, 9e15f)));
+      out += laidOut(layout, 'd', std::clamp(o.at(lane), -9e15f, 9e15f), {});
     } else {
       const uint32_t count = slTypeFloats(sym.type);
-      for (uint32_t c = 0; c < count; ++c) out += fmt::format("{}{:g}", c ? " " : "", o.at(lane, c));
+      for (uint32_t c = 0; c < count; ++c) {
+        if (c) out += ' ';
+        out += laidOut(layout, 'f', o.at(lane, c), {});
+      }
     }
   }
 }

@@ -221,10 +221,12 @@ struct Hooks : boost::wave::context_policies::default_preprocessing_hooks {
   template <class Context, class Exception>
   void throw_exception(const Context&, const Exception& e) {
     const int severity = int(e.get_severity());
-    const bool fatal = severity >= int(boost::wave::util::severity_fatal) || !e.is_recoverable();
+    std::string text = e.description();
+    // Wave goes on after a broken _Pragma with a token that is not there.
+    const bool fatal = severity >= int(boost::wave::util::severity_fatal) || !e.is_recoverable() ||
+                       text.find("_Pragma") != std::string::npos;
     if (tRun) {
-      const bool error = severity >= int(boost::wave::util::severity_error);
-      std::string text = e.description();
+      const bool error = fatal || severity >= int(boost::wave::util::severity_error);
       std::replace(text.begin(), text.end(), '\n', ' ');
       tRun->add(error ? Severity::kError : Severity::kWarning, RiError::kSyntax, e.file_name(), e.line_no(),
                 e.column_no(), text);

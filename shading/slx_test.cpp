@@ -233,5 +233,13 @@ TEST(BadInput, Limits) {
   failsWith("#if " + std::string(50000, '(') + "1\n#endif\nsurface a() { Ci = 1; }", "nested too deeply");
 }
 
+TEST(BadInput, BrokenPragmaOperators) {
+  for (const char* text : {"_Pragma", "_Pragma = 1", "_Pragma()", "_Pragma(a, b)", "_Pragma(\"x)",
+                           "_Pragma(1)", "#define A _Pra##gma(\nA", "#define B(x) x\nB(_Pragma)"}) {
+    Diagnostics d;
+    (void)compileShaderString(std::string("surface a() { Ci = 1;\n") + text + "\n }", {}, d).ok();
+  }
+}
+
 }  // namespace
 }  // namespace fr

@@ -1,0 +1,138 @@
+// Random shaders: the virtual machine, at every level of optimisation and at odd batch sizes, against an
+// interpreter that knows one point at a time. Bit by bit: both use the same elementary operations.
+//
+// FR_STRESS=1 runs for ten minutes (FR_STRESS_SECONDS), with new programs every time (FR_SEED to repeat one).
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+
+#include "shading/lexer.h"
+#include "shading/machine_fixture.h"
+#include "shading/parser.h"
+#include "shading/testing/random_program.h"
+#include "shading/testing/reference_interpreter.h"
+
+namespace fr {
+namespace {
+
+struct Parsed {
+  PreprocessedSource source;
+  ast::File file;
+};
+
+void parse(const std::string& text, Parsed& p) {
+  Diagnostics d;
+  ASSERT_TRUE(preprocess("random.sl", text, {}, p.source, d)) << d.str();
+  NoLintLines noLint;
+  parseFile(tokenize(p.source, d, noLint), p.source, d, {}, p.file);
+  ASSERT_FALSE(d.hasErrors()) << d.str() << text;
+}
+
+/// What the shader left, as "name component lane value" of the first difference; "" when all is equal.
+std::string firstDifference(const std::string& text, uint64_t seed, const std::string& referenceText = {}) {
+  Parsed parsed;
+  parse(referenceText.empty() ? text : referenceText, parsed);
+  if (testing::Test::HasFatalFailure()) return "not parsed";
+  ReferenceInterpreter reference(parsed.file);
+  const uint32_t sizes[][2] = {{0, 0}, {2, 0}, {4, 2}, {6, 4}, {15, 0}, {16, 0}, {10, 5}};
+  const auto& size = sizes[seed % std::size(sizes)];
+  const bool varyingTint = seed % 3 == 0;
+  for (int optimize = 0; optimize <= 2; ++optimize) {
+    MachineFixture m(size[0], size[1]);
+    const ShaderInstance* s = nullptr;
+    const auto held = m.shader(
+        text, {}, varyingTint ? std::vector<std::string>{"tint", "gain"} : std::vector<std::string>{},
+        optimize);
+    s = held.get();
+    if (!s) return "not compiled: " + m.error;
+    AlignedFloats columns;
+    columns.reserve(size_t(m.lanes) * 4);
+    Batch::Override overrides[2];
+    if (varyingTint) {
+      for (uint32_t i = 0; i < 4 * m.lanes; ++i)
+        columns.data()[i] = float(hashStep(seed, i) >> 40) / 8388608.0f - 0.5f;
+      overrides[0] = {s->program().findParameter("tint"), Operand{columns.data(), m.lanes, ~0u}};
+      overrides[1] = {s->program().findParameter("gain"),
+                      Operand{columns.data() + 3 * m.lanes, m.lanes, ~0u}};
+      m.batch.overrides = overrides;
+    }
+    m.run(*s);
+    for (uint32_t i = 0; i < m.count; ++i) {
+      std::map<std::string, ReferenceValue> globals;
+      for (size_t g = 0; g < size_t(GlobalId::kCount); ++g) {
+        const GlobalInfo& info = globalInfo(GlobalId(g));
+        const uint32_t width = slTypeFloats(info.type);
+        if (width > 3) continue;
+        ReferenceValue value{width, false, std::vector<float>(width, 0.0f)};
+        const Operand& o = m.batch.globals[g];
+        for (uint32_t c = 0; o.data && c < width; ++c) value.data[c] = o.at(i, c);
+        globals[info.name] = value;
+      }
+      globals.erase("Ci");
+      globals["Ci"] = {3, false, {0, 0, 0}};
+      if (varyingTint) {
+        globals["tint"] = {3, false, {0, 0, 0}};
+        for (uint32_t c = 0; c < 3; ++c) globals["tint"].data[c] = columns.data()[c * m.lanes + i];
+        globals["gain"] = {1, false, {columns.data()[3 * m.lanes + i]}};
+      }
+      std::map<std::string, ReferenceValue> expected;
+      try {
+        expected = reference.run(globals);
+      } catch (const std::exception& e) {
+        return e.what();
+      }
+      for (const char* name : {"Ci", "Oi", "aov", "trail"}) {
+        const Operand o = m.machine.result(name);
+        const ReferenceValue& v = expected[name];
+        for (uint32_t c = 0; c < v.width; ++c) {
+          const float got = o.data ? o.at(i, c) : 0.0f;
+          if (std::memcmp(&got, &v.data[c], sizeof(float)) != 0 && !(got == v.data[c]) &&
+              !(std::isnan(got) && std::isnan(v.data[c])))
+            return fmt::format("{}[{}] of point {} of {}: {} instead of {}, optimize {}", name, c, i, m.count,
+                               got, v.data[c], optimize);
+        }
+      }
+    }
+  }
+  return "";
+}
+
+TEST(RandomPrograms, MachineAgreesWithTheReference) {
+  setReportSink([](const Error&) {});
+  const bool stress = std::getenv("FR_STRESS") != nullptr;
+  const char* const given = std::getenv("FR_SEED");
+  const char* const limit = std::getenv("FR_STRESS_SECONDS");
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(limit ? std::atoi(limit) : 600);
+  const uint64_t first = given    ? std::strtoull(given, nullptr, 0)
+                         : stress ? uint64_t(std::chrono::system_clock::now().time_since_epoch().count())
+                                  : 1;
+  uint64_t count = 0;
+  int failures = 0;
+  for (uint64_t seed = first; failures < 5; ++seed, ++count) {
+    if (given ? count >= 1 : stress ? std::chrono::steady_clock::now() > end : count >= 300) break;
+    const std::string text = randomShader(seed);
+    const std::string difference = firstDifference(text, seed);
+    if (difference.empty()) continue;
+    ++failures;
+    ADD_FAILURE() << "seed " << seed << ": " << difference << "\n" << text;
+  }
+  if (stress)
+    std::printf("%llu programs from seed %llu\n", (unsigned long long)count, (unsigned long long)first);
+  setReportSink({});
+}
+
+TEST(RandomPrograms, ADifferenceIsSeen) {
+  const char* const kText =
+      "surface a(float gain = 1; color tint = 1; output varying color aov = 0; output varying float trail = "
+      "0) {"
+      " float i; for (i = 0; i < 4; i += 1) { if (u * 4 < i) break; trail += v; } Ci = trail; Oi = 1; }";
+  EXPECT_EQ(firstDifference(kText, 5), "");
+  std::string other = kText;
+  other.replace(other.find("u * 4 < i"), 9, "u * 4 > i");
+  EXPECT_NE(firstDifference(kText, 5, other), "");
+}
+
+}  // namespace
+}  // namespace fr
