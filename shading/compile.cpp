@@ -80,10 +80,11 @@ uint64_t hashOf(const PreprocessedSource& source, const CompileOptions& options)
 
 }  // namespace
 
-Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, const std::string& text,
-                                                  const CompileOptions& options, Diagnostics& diagnostics) {
+static Result<std::vector<ShaderProgram>> compileSource(const std::string& fileName, const std::string& text,
+                                                        const CompileOptions& options,
+                                                        PreprocessedSource& source,
+                                                        Diagnostics& diagnostics) {
   const std::string what = fmt::format("cannot compile '{}'", fileName);
-  PreprocessedSource source;
   PreprocessOptions preprocessing;
   preprocessing.includePaths = options.includePaths;
   preprocessing.defines = options.defines;
@@ -111,7 +112,8 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   NoLintLines ignored;
   parseFile(tokenize(preludeText, diagnostics, ignored), source, diagnostics, {true}, prelude);
 
-  const LowerInput input{&source, &file, &prelude, &diagnostics, &noLint, options.lint, &options.shadeopPaths};
+  const LowerInput input{
+      &source, &file, &prelude, &diagnostics, &noLint, options.lint, &options.shadeopPaths};
   if (file.shaders.empty() && !diagnostics.hasErrors())
     diagnostics.add({Severity::kError,
                      RiError::kSyntax,
@@ -123,7 +125,11 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   std::vector<ShaderProgram> programs;
   for (const ast::Shader& shader : file.shaders) {
     ProgramBuilder builder;
-    if (!lowerShader(input, shader, builder)) continue;
+    if (!lowerShader(input, shader, builder)) {
+      // There may be uniform variables with varying values too.
+      if (resolveJumps(builder.program)) (void)inferUniformity(builder.program, context);
+      continue;
+    }
     ShaderProgram& p = builder.program;
     for (const SourceFile& f : source.files) {
       p.files.push_back(f.name);
@@ -146,8 +152,23 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
   }
   const std::set<std::string> reached = reachableFunctions(file);
   for (const ast::Function* f : file.functions)
-    if (!reached.count(f->name)) checkFunction(input, *f);
+    if (!reached.count(f->name) || diagnostics.hasErrors()) checkFunction(input, *f);
   if (diagnostics.hasErrors()) return diagnostics.firstError(what);
+  return programs;
+}
+
+Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, const std::string& text,
+                                                  const CompileOptions& options, Diagnostics& diagnostics) {
+  PreprocessedSource source;
+  const size_t before = diagnostics.all().size();
+  auto programs = compileSource(fileName, text, options, source, diagnostics);
+  // Messages about an included file say how it came in.
+  diagnostics.edit(before, [&](Diagnostic& d) {
+    if (d.hint.find("included from ") != std::string::npos) return;
+    for (const SourceFile& f : source.files)
+      if (f.name == d.where.file && !f.includedFrom.empty())
+        d.hint += (d.hint.empty() ? "" : "; ") + f.includedFrom;
+  });
   return programs;
 }
 

@@ -96,8 +96,41 @@ TEST(CompilerMessages, LintWarnings) {
   EXPECT_EQ(messages(body("  float x;\n  Ci = K;\n  if (s > .5) Ci = Du(P);"), true),
             "4:20 a vector is used as a color\n"
             "2:9 variable 'x' is never used\n"
-            "4:20 the result of 'du_t' is undefined where only some points are active\n");
+            "4:20 the result of 'Du' is undefined where only some points are active\n");
   EXPECT_EQ(messages(body("#pragma nolint\n  float x;\n  Ci = K;"), true), "");
+}
+
+TEST(CompilerMessages, LintOfEveryKind) {
+  const auto one = [](const std::string& statements) {
+    std::string r = messages(body(statements + " Ci = K;"), true);
+    return r.substr(0, r.find('\n'));
+  };
+  EXPECT_EQ(one("float x; x = x + 1; Oi = x;"), "2:14 'x' is used before it has a value");
+  EXPECT_EQ(one("float x; x += 1; Oi = x;"), "2:10 'x' is used before it has a value");
+  EXPECT_EQ(one("float x = 1; x = 2;"), "2:7 variable 'x' is set but never used");
+  EXPECT_EQ(one("vector q = 1; q = P; Oi = q . q;"),
+            "2:19 a point is assigned to a vector (they are moved and turned differently by transform())");
+  EXPECT_EQ(one("normal q = N; vector w = q; w = q; Oi = w . w;"), "")
+      << "normals and vectors are both directions";
+  for (const char* call :
+       {"Dv(t)", "Deriv(s, t)", "area(P)", "filterstep(.5, s)", "float texture(\"x\", s, t)",
+        "float environment(\"x\", N)", "length(calculatenormal(P))"})
+    EXPECT_NE(one(std::string("if (s > .5) Oi = ") + call + ";")
+                  .find("is undefined where only some points are active"),
+              std::string::npos)
+        << call;
+  EXPECT_EQ(one("if (s > .5) Oi = noise(P);"), "");
+  EXPECT_EQ(one("uniform float k = 1; if (s > .5) k = 2; Oi = k;"),
+            "2:34 uniform variable 'k' changes where only some points are active");
+}
+
+TEST(CompilerMessages, AllErrorsInOneRun) {
+  const std::string m = messages(
+      "float unused(float x) { return nothing; }\nfloat f(float x) { return nowhere; }\n"
+      "surface a() {\n uniform float k = s;\n Ci = nosie(P);\n Oi = f(1, 2);\n Cl = 1;\n}");
+  for (const char* part : {"nothing", "nowhere", "varying value in the uniform variable 'k'", "nosie",
+                           "no version of 'f'", "'Cl' cannot be changed"})
+    EXPECT_NE(m.find(part), std::string::npos) << part << "\n" << m;
 }
 
 TEST(CompilerMessages, CaretPointsAtTheColumn) {
@@ -131,6 +164,9 @@ TEST(Preprocessor, IncludedFileIsNamedInMessages) {
   EXPECT_TRUE(d.all()[0].where.file.ends_with("part.h"));
   EXPECT_EQ(d.all()[0].where.line, 2);
   EXPECT_EQ(d.all()[0].sourceLine, "  return wrong;");
+  EXPECT_TRUE(d.all()[0].hint.starts_with("included from ") && d.all()[0].hint.ends_with("main.sl"))
+      << d.all()[0].hint;
+  EXPECT_EQ(d.all()[1].hint, "");
   EXPECT_TRUE(d.all()[1].where.file.ends_with("main.sl"));
   EXPECT_EQ(d.all()[1].where.column, 33);
   std::ofstream(folder + "/loop.sl") << "#include \"loop.sl\"\n";

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -40,6 +41,10 @@ class Diagnostics {
   size_t warningCount() const { return warnings_; }
   const std::vector<Diagnostic>& all() const { return all_; }
   std::string str() const;
+  /// Lets `change` add to the messages from the n-th on.
+  void edit(size_t n, const std::function<void(Diagnostic&)>& change) {
+    for (; n < all_.size(); ++n) change(all_[n]);
+  }
   /// The first error as an Error that mentions how many more there are.
   Error firstError(std::string_view what) const;
 

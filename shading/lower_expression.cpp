@@ -393,8 +393,15 @@ void Lower::store(const Expr& target, Binding& b, Value index, Value v) {
   b_.emit(op, {b.symbol, index.symbol, v.symbol});
 }
 
+namespace {
+/// Points are places; vectors and normals are directions.
+bool isPlace(SlType t) { return t == SlType::kPoint; }
+}  // namespace
+
 Value Lower::assignValue(const Expr& e) {
   const Expr& target = *e.args[0];
+  const Binding* const before = findFrom(scope_, target.text, nullptr);
+  const bool written = before && before->isWritten;
   Binding* b = writable(target);
   if (b && target.kind == ExprKind::kName && b->isArray) {
     error(target.place, fmt::format("'{}' is an array: it cannot be assigned as a whole", target.text));
@@ -409,7 +416,15 @@ Value Lower::assignValue(const Expr& e) {
   const SlType type = component ? SlType::kFloat : b ? b->type : SlType::kVoid;
   Value index;
   if (target.kind == ExprKind::kIndex) index = converted(*target.args[0], SlType::kFloat);
+  if (b) b->isWritten = written;  // not yet: x = x + 1 reads what nobody has set
+  if (b && e.text != "=" && target.kind == ExprKind::kName && b->isLocal && !b->isWritten && !b->isRead)
+    warn(target.place, fmt::format("'{}' is used before it has a value", target.text));
   Value v = expression(*e.args[1], {type, e.text == "="});
+  if (b) b->isWritten = true;
+  if (b && b->type != v.type && isPlace(b->type) != isPlace(v.type) && isTriple(b->type) &&
+      isTriple(v.type) && b->type != SlType::kColor && v.type != SlType::kColor && e.text == "=")
+    warn(e.args[1]->place, fmt::format("a {} is assigned to a {}", slTypeName(v.type), slTypeName(b->type)),
+         "they are moved and turned differently by transform()");
   if (!b || !v.ok() || (target.kind == ExprKind::kIndex && !index.ok())) return {};
   if (target.kind == ExprKind::kIndex && b_.isConstant(index.symbol)) {
     const float i = b_.constantValue(index.symbol)[0];

@@ -110,11 +110,14 @@ struct RunState {
     d.where = out->location(place);
     d.sourceLine = out->line(place);
     d.message = std::move(message);
-    if (includeChain.size() > 1) {
-      for (size_t i = includeChain.size() - 1; i-- > 0;)
-        d.hint += (d.hint.empty() ? "included from " : ", from ") + includeChain[i];
-    }
+    d.hint = chain();
     diagnostics->add(std::move(d));
+  }
+  std::string chain() const {
+    std::string r;
+    for (size_t i = includeChain.size(); i-- > 1;)
+      r += (r.empty() ? "included from " : ", from ") + includeChain[i - 1];
+    return r;
   }
 };
 thread_local RunState* tRun = nullptr;
@@ -211,8 +214,11 @@ struct Hooks : boost::wave::context_policies::default_preprocessing_hooks {
     return count(body.size() + 1);
   }
   template <class Context>
-  void opened_include_file(const Context&, const std::string& relative, const std::string&, bool) {
-    if (tRun) tRun->includeChain.push_back(relative);
+  void opened_include_file(const Context&, const std::string& relative, const std::string& absolute, bool) {
+    if (!tRun) return;
+    tRun->includeChain.push_back(relative);
+    SourceFile& file = tRun->out->files[tRun->fileOf(absolute)];
+    if (file.includedFrom.empty()) file.includedFrom = tRun->chain();
   }
   template <class Context>
   void returning_from_include_file(const Context&) {

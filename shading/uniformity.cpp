@@ -3,6 +3,13 @@
 namespace fr {
 namespace {
 
+/// What the operation is called in the language: du_f is Du, texture_t is texture.
+std::string sourceName(std::string_view op) {
+  std::string r(op.substr(0, op.find('_')));
+  if (r == "du" || r == "dv" || r == "deriv") r[0] = char(r[0] - 'a' + 'A');
+  return r;
+}
+
 class Uniformity {
  public:
   Uniformity(ShaderProgram& p, const PassContext& context) : p_(p), context_(context) {}
@@ -161,7 +168,7 @@ class Uniformity {
         under_[i] = varying();
         if (varying() && (info.flags & kOpDerivative))
           lint(in, fmt::format("the result of '{}' is undefined where only some points are active",
-                               in.op == Op::area ? "area" : info.name));
+                               sourceName(info.name)));
       }
       if (info.flags & kOpControl) control(i, in, value);
     }
