@@ -126,7 +126,7 @@ bool BucketWorker::startGrid() {
       ShadePoints points;
       const bool meshlet = record.kind == cache::GridKind::kMeshlet;
       points.topology = meshlet ? ShadePoints::Topology::kMeshlet : ShadePoints::Topology::kGrid;
-      points.count = meshlet ? record.nu : size_t(record.nu + 1) * size_t(record.nv + 1);
+      points.count = work_.scene->cache->view(record).vertexCount();
       points.grid = &record;
       points.gridSeed = hashStep(work_.options->seed, patchRank(work_.scene->cache->node(grid->node)));
       grid->points = points.count;

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+
+#include "scene_cache/trim.h"
 
 namespace fr::reyes {
 namespace {
@@ -9,6 +12,30 @@ namespace {
 using Clock = std::chrono::steady_clock;
 double secondsSince(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// (u, v) of the root patch where a sample sees a grid's triangle, in perspective.
+Vec2 patchParameters(const TileGrid& g, const cache::PatchNode& node, uint32_t triangle, double px, double py,
+                     bool perspective) {
+  const cache::GridRecord& r = *g.record;
+  uint32_t v[3];
+  gridTriangle(r.nu, triangle, v);
+  const ProjectedGrid& p = g.projected;
+  double e[3], sum = 0;
+  const bool drawn = !(p.state[v[0]] | p.state[v[1]] | p.state[v[2]]);
+  for (int i = 0; i < 3; ++i) {
+    const uint32_t a = v[(i + 1) % 3], b = v[(i + 2) % 3];
+    e[i] = drawn ? double(p.x[b] - p.x[a]) * (py - p.y[a]) - double(p.y[b] - p.y[a]) * (px - p.x[a]) : 1.0;
+    if (perspective && drawn) e[i] *= double(p.key[v[i]]);
+    sum += e[i];
+  }
+  double column = 0, row = 0;
+  for (int i = 0; i < 3; ++i) {
+    const double w = sum != 0 ? e[i] / sum : 1.0 / 3;
+    column += w * double(v[i] % (r.nu + 1u)), row += w * double(v[i] / (r.nu + 1u));
+  }
+  return {float((node.iu + column / r.nu) * std::ldexp(1.0, -node.du)),
+          float((node.iv + row / r.nv) * std::ldexp(1.0, -node.dv))};
 }
 
 /// Room for fragments is made for this many at a time.
@@ -77,6 +104,7 @@ void TileHider::hide(int tile, const PixelRect& rect, TileView& view) {
 
 void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view) {
   const PixelRect& rect = view.samples.rect();
+  if (grid.flags & cache::kGridAbsent) return;
   const RasterBounds boxBounds = scene_.space.bounds(grid.bound);
   if (boxBounds.outside || !boxBounds.overlaps(rect)) {
     ++statistics_.gridsCulledTile;
@@ -136,8 +164,10 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   target.x = samples.x.data(), target.y = samples.y.data();
   target.depth = samples.depth.data(), target.hit = samples.hit.data();
   target.slotRank = view.ranks.data();
+  const bool trimmed = grid.flags & cache::kGridTrimmed;
+  const size_t firstFragment = view.fragments.size();
   const auto draw = [&](const RasterTriangles& t) {
-    if (g.traits.opaque) {
+    if (g.traits.opaque && !trimmed) {
       rasterise_(t, 0, target);
       return;
     }
@@ -156,7 +186,19 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   draw(triangles);
   if (g.projected.anyClipped)
     drawClipped(scene_.space, v.positions, columns, rowStride, rect, g.projected, triangles, draw);
-  if (g.traits.opaque && target.column1 >= 0)
+  if (trimmed) {
+    const cache::PatchTrim trim = scene_.cache->trimOf(node);
+    const cache::PatchNode& place = scene_.cache->node(node);
+    const auto cut = [&](const Fragment& f) {
+      const Vec2 uv = patchParameters(g, place, f.hit & kTriangleMask, samples.x[f.sample],
+                                      samples.y[f.sample], scene_.space.perspective());
+      return trim.removed(uv.x, uv.y);
+    };
+    view.fragments.erase(
+        std::remove_if(view.fragments.begin() + ptrdiff_t(firstFragment), view.fragments.end(), cut),
+        view.fragments.end());
+  }
+  if (g.traits.opaque && !trimmed && target.column1 >= 0)
     samples.touched(target.column0, target.row0, target.column1, target.row1);
   statistics_.micropolygonsTested += target.trianglesTested / (meshlet ? 1 : 2);
 }

@@ -30,6 +30,11 @@ class Shader {
     } else {
       gridTriangle(record.nu, triangle, r.v);
     }
+    if (record.flags & cache::kGridSprites) {
+      r.v[0] = r.v[1] = r.v[2] = r.fourth = triangle / (record.rowStride - 2);
+      r.w[0] = 1;
+      return r;
+    }
     r.fourth = r.v[0];
     const ProjectedGrid& p = g.projected;
     const bool drawn = !(p.state[r.v[0]] | p.state[r.v[1]] | p.state[r.v[2]]);

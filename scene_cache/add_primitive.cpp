@@ -137,6 +137,12 @@ Result<void> addPrimitive(SkeletonWriter& writer, const PrimitiveDesc& desc) {
             return addQuadric(a);
           } else if constexpr (std::is_same_v<T, ri::Patch> || std::is_same_v<T, ri::PatchMesh>) {
             return addPatches(a);
+          } else if constexpr (std::is_same_v<T, ri::NuPatch>) {
+            return addNuPatch(a);
+          } else if constexpr (std::is_same_v<T, ri::Points>) {
+            return addPoints(a);
+          } else if constexpr (std::is_same_v<T, ri::Curves>) {
+            return addCurves(a);
           } else if constexpr (std::is_same_v<T, ri::Polygon> || std::is_same_v<T, ri::GeneralPolygon> ||
                                std::is_same_v<T, ri::PointsPolygons> ||
                                std::is_same_v<T, ri::PointsGeneralPolygons>) {

@@ -47,6 +47,9 @@ ptrdiff_t firstNonFinite(std::span<const float> v);
 
 Result<void> addQuadric(Adding& a);
 Result<void> addPatches(Adding& a);
+Result<void> addNuPatch(Adding& a);
+Result<void> addPoints(Adding& a);
+Result<void> addCurves(Adding& a);
 Result<void> addPolygons(Adding& a);
 Result<void> addSubdivision(Adding& a);
 

@@ -228,6 +228,9 @@ const GridRecord* SceneCache::Impl::grid(uint64_t offset, NodeId nodeId) const {
   } else if (g->kind == GridKind::kMeshlet) {
     if (g->nu > kMaxMeshletVertices || g->nv > kMaxMeshletTriangles || g->levels != 1) return nullptr;
     if (!arena.at(g->indices, uint64_t(g->nv) * 3)) return nullptr;
+    if ((g->flags & kGridSprites) && (g->rowStride < 3 || g->nu == 0 || g->nu % g->rowStride != 0 ||
+                                      g->nv != g->nu / g->rowStride * (g->rowStride - 2)))
+      return nullptr;
     span = vertices = g->nu;
   } else {
     return nullptr;

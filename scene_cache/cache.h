@@ -103,7 +103,9 @@ struct GridView {
   const float* positions = nullptr;  // key 0, xyz interleaved, row stride record->rowStride * 3 floats
   const float* normals = nullptr;    // xyz interleaved, dense; nullptr: evaluate them
   const uint8_t* indices = nullptr;  // meshlet triangles
+  /// Points that are shaded.
   size_t vertexCount() const {
+    if (record->flags & kGridSprites) return record->nu / record->rowStride;
     return record->kind == GridKind::kMeshlet ? record->nu : size_t(record->nu + 1) * size_t(record->nv + 1);
   }
 };
@@ -113,6 +115,8 @@ struct CacheStatistics {  // totals of this process since it opened the cache
   uint64_t arenaBytes = 0, nodeBytes = 0, skeletonBytes = 0;  // of the shared segments
   double dicingSeconds = 0;
 };
+
+struct PatchTrim;
 
 class SceneCache {
  public:
@@ -151,9 +155,9 @@ class SceneCache {
   /// Start and size of the arena mapping, for Embree's shared vertex buffers. The address never changes.
   std::span<const std::byte> arena() const;
 
-  /// Parameters of the vertices of a diced node, in vertex order (grids: row by row, u fastest). For meshlets
-  /// cell = kNone | u = vertex index is replaced by a representative (triangle, u, v). Arrays of
-  /// view.vertexCount() elements.
+  /// Parameters of the shaded points of a diced node, in vertex order; sprites: their middles (grids: row by
+  /// row, u fastest). For meshlets cell = kNone | u = vertex index is replaced by a representative (triangle,
+  /// u, v). Arrays of view.vertexCount() elements.
   void vertexParameters(const GridRecord& grid, uint32_t* cell, float* u, float* v) const;
 
   /// Undisplaced surface at n addresses of `node`. cell may be nullptr for surface patches.
@@ -174,6 +178,10 @@ class SceneCache {
   /// when diced.
   void evaluateParameters(NodeId node, size_t n, const uint32_t* cell, const float* u, const float* v,
                           float* uOut, float* vOut, float* s, float* t) const;
+
+  /// Which parts of a diced node (kGridTrimmed) are cut away, in (u, v) of its root patch:
+  /// scene_cache/trim.h.
+  PatchTrim trimOf(NodeId node) const;
 
   CacheStatistics statistics() const;
 

@@ -5,6 +5,8 @@
 
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/primvar.h"
+#include "scene_cache/thin.h"
+#include "scene_cache/trim.h"
 
 namespace fr::cache {
 namespace {
@@ -73,6 +75,7 @@ uint64_t SceneCache::Impl::make(const Skeleton& skeleton, NodeId nodeId, Displac
   const auto roots = skeleton.rootPatches();
   if (!n || n->root >= roots.size()) return 0;
   const ObjectRecord& object = skeleton.objects()[roots[n->root].object];
+  if (isThin(object)) return makeThin(skeleton, nodeId, object, displacer);
   return object.type == PrimitiveType::kMeshlets ? makeMeshlet(skeleton, nodeId, object, displacer)
                                                  : makeGrid(skeleton, nodeId, object, displacer);
 }
@@ -127,6 +130,35 @@ float collapseMargin(const DiceRate& rate, const Box3f& box) {
     distance = std::max(std::sqrt(glm::dot(far, far)), std::sqrt(rate.nearSquared));
   }
   return 3.0f * distance / rate.scale;
+}
+
+/// A place of every vertex of a meshlet: a corner of the first triangle that has it.
+void meshletVertexParameters(const uint8_t* indices, uint32_t count, uint32_t triangles, uint32_t* cell,
+                             float* u, float* v) {
+  for (uint32_t i = 0; i < count; ++i) cell[i] = 0, u[i] = v[i] = 0;
+  for (uint32_t t = triangles; t-- > 0;) {
+    for (uint32_t c = 0; c < 3; ++c) {
+      const uint8_t i = indices[t * 3 + c];
+      cell[i] = t, u[i] = c == 1 ? 1.0f : 0.0f, v[i] = c == 2 ? 1.0f : 0.0f;
+    }
+  }
+}
+
+/// Bound and cell size of a meshlet, over all keys.
+void measureMeshlet(GridRecord& g, const std::byte* arena, const uint8_t* indices) {
+  float longest = 0;
+  for (unsigned k = 0; k < g.keyCount; ++k) {
+    const float* xyz = reinterpret_cast<const float*>(arena + g.positions + k * g.keyBytes);
+    const auto point = [&](uint32_t i) { return Vec3(xyz[i * 3], xyz[i * 3 + 1], xyz[i * 3 + 2]); };
+    for (uint32_t i = 0; i < g.nu; ++i) g.bound.extend(point(i));
+    for (uint32_t t = 0; t < g.nv; ++t) {
+      for (uint32_t c = 0; c < 3; ++c) {
+        const Vec3 d = point(indices[t * 3 + c]) - point(indices[t * 3 + (c + 1) % 3]);
+        longest = std::max(longest, glm::dot(d, d));
+      }
+    }
+  }
+  g.cellSize = std::sqrt(longest);
 }
 
 uint32_t rowStrideFor(int nu) { return uint32_t(nu) + 1; }
@@ -217,9 +249,14 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   std::copy_n(plan.edgeShift, 4, g->edgeShift);
   if (displaced) {
     g->normals = g->positions + unsigned(keys) * keyBytes + 64;
-    g->flags = kGridHasNormals;
+    g->flags |= kGridHasNormals;
   }
   const GridParameters parameters = gridParameters(rect, plan.log2Nu, plan.log2Nv);
+  if (const PatchTrim trim = patchTrim(skeleton, n.root); trim.any()) {
+    const auto removed = trim.removed(parameters.u[0], parameters.u[nu], parameters.v[0], parameters.v[nv]);
+    if (!removed.has_value()) g->flags |= kGridTrimmed;
+    if (removed.value_or(false)) g->flags |= kGridAbsent;
+  }
   for (int k = 0; k < keys; ++k) {
     float* xyz = reinterpret_cast<float*>(arena.base() + g->positions + unsigned(k) * keyBytes);
     DiceSurfaces at;
@@ -250,6 +287,73 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   if (displaced) g->deviation[0] = g->levels > 1 ? g->deviation[1] * 0.25f : g->cellSize * 0.25f;
   gridsDiced.fetch_add(1, std::memory_order_relaxed);
   micropolygonsDiced.fetch_add(uint64_t(nu) * unsigned(nv), std::memory_order_relaxed);
+  return gridWord(offset);
+}
+
+uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, const ObjectRecord& object,
+                                    Displacer* displacer) {
+  const PatchNode& n = *node(nodeId);
+  const RootPatchRecord& root = skeleton.rootPatches()[n.root];
+  const float* shutter = skeleton.camera().shutter;
+  const int keys = gridKeyCount(skeleton, object);
+  const bool isPoints = object.type == PrimitiveType::kPoints;
+  PointsView points;
+  CurvesView curves;
+  const auto prepareAt = [&](float time) {
+    return isPoints ? points.prepare(skeleton, object, root.face, time, eye)
+                    : curves.prepare(skeleton, object, root.face, time, eye);
+  };
+  if (!prepareAt(gridKeyTime(0, keys, shutter))) {
+    Error e = makeError(RiError::kBadFile, "the data of this primitive are damaged; it stays empty");
+    e.where = locationOf(skeleton, object);
+    reportOnce(fmt::format("source {}", objectName(skeleton, object)), e);
+    return 0;
+  }
+  const uint32_t count = isPoints ? points.vertexCount() : curves.cluster.vertexCount;
+  const uint32_t triangles = isPoints ? points.triangleCount() : curves.cluster.triangleCount;
+  const bool displaced = displacer && displacer->displaces(root.object);
+  const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;
+  const uint64_t room = sizeof(GridRecord) + kPositionAlign + unsigned(keys) * keyBytes + 64 +
+                        (displaced ? uint64_t(count) * 12 : 0) + triangles * 3ull;
+  const uint64_t offset = allocateGrid(room);
+  if (!offset) {
+    reportNoMemory(skeleton, object);
+    return 0;
+  }
+  auto* g = new (arena.base() + offset) GridRecord{};
+  g->node = nodeId;
+  g->kind = GridKind::kMeshlet;
+  g->keyCount = uint8_t(keys);
+  g->levels = 1;
+  g->nu = uint16_t(count), g->nv = uint16_t(triangles);
+  g->positions = (offset + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g->keyBytes = keyBytes;
+  uint64_t at = g->positions + unsigned(keys) * keyBytes + 64;
+  if (displaced) {
+    g->normals = at, at += uint64_t(count) * 12;
+    g->flags = kGridHasNormals;
+  } else if (isPoints) {
+    g->flags = kGridSprites, g->rowStride = points.cluster.sides;
+  }
+  g->indices = at;
+  auto* indices = reinterpret_cast<uint8_t*>(arena.base() + at);
+  isPoints ? points.triangles(indices) : curves.triangles(indices);
+  for (int k = 0; k < keys; ++k) {
+    if (k > 0 && !prepareAt(gridKeyTime(k, keys, shutter))) return 0;
+    float* xyz = reinterpret_cast<float*>(arena.base() + g->positions + unsigned(k) * keyBytes);
+    isPoints ? points.vertices(xyz) : curves.vertices(xyz);
+  }
+  if (displaced) {
+    uint32_t cell[kMaxMeshletVertices];
+    float u[kMaxMeshletVertices], v[kMaxMeshletVertices];
+    meshletVertexParameters(indices, count, triangles, cell, u, v);
+    displace(skeleton, nodeId, object, *displacer, *g, cell, u, v);
+  }
+  measureMeshlet(*g, reinterpret_cast<const std::byte*>(arena.base()), indices);
+  // Thin as it is: a ray that leaves a ribbon or a disk is behind it at once.
+  g->deviation[0] = displaced ? g->cellSize * 0.25f : 0.0f;
+  gridsDiced.fetch_add(1, std::memory_order_relaxed);
+  micropolygonsDiced.fetch_add(triangles, std::memory_order_relaxed);
   return gridWord(offset);
 }
 
@@ -308,28 +412,10 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
   if (displaced) {
     uint32_t cell[kMaxMeshletVertices];
     float u[kMaxMeshletVertices], v[kMaxMeshletVertices];
-    for (uint32_t i = 0; i < count; ++i) cell[i] = 0, u[i] = v[i] = 0;
-    for (uint32_t t = triangles; t-- > 0;) {
-      for (uint32_t c = 0; c < 3; ++c) {
-        const uint8_t i = indices[t * 3 + c];
-        cell[i] = t, u[i] = c == 1 ? 1.0f : 0.0f, v[i] = c == 2 ? 1.0f : 0.0f;
-      }
-    }
+    meshletVertexParameters(indices, count, triangles, cell, u, v);
     displace(skeleton, nodeId, object, *displacer, *g, cell, u, v);
   }
-  float longest = 0;
-  for (int k = 0; k < keys; ++k) {
-    const float* xyz = reinterpret_cast<const float*>(arena.base() + g->positions + unsigned(k) * keyBytes);
-    const auto point = [&](uint32_t i) { return Vec3(xyz[i * 3], xyz[i * 3 + 1], xyz[i * 3 + 2]); };
-    for (uint32_t i = 0; i < count; ++i) g->bound.extend(point(i));
-    for (uint32_t t = 0; t < triangles; ++t) {
-      for (uint32_t c = 0; c < 3; ++c) {
-        const Vec3 d = point(indices[t * 3 + c]) - point(indices[t * 3 + (c + 1) % 3]);
-        longest = std::max(longest, glm::dot(d, d));
-      }
-    }
-  }
-  g->cellSize = std::sqrt(longest);
+  measureMeshlet(*g, reinterpret_cast<const std::byte*>(arena.base()), indices);
   if (displaced) g->deviation[0] = g->cellSize * 0.25f;
   gridsDiced.fetch_add(1, std::memory_order_relaxed);
   micropolygonsDiced.fetch_add(triangles, std::memory_order_relaxed);

@@ -5,6 +5,8 @@
 #include "scene_cache/bezier.h"
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/primvar.h"
+#include "scene_cache/thin.h"
+#include "scene_cache/trim.h"
 
 namespace fr::cache {
 namespace {
@@ -77,6 +79,13 @@ void SceneCache::Impl::surfaceNormals(const Skeleton& s, NodeId root, float time
       }
       for (int c = 0; c < 3; ++c) first[c][i] = normal[c];
     }
+  } else if (isThin(object)) {
+    thinSurface(s, object, patch.face, time, eye, n, cell, u, v, nullptr, nullptr, nullptr, first);
+    if (sign < 0) {
+      for (int c = 0; c < 3; ++c) {
+        for (size_t i = 0; i < n; ++i) first[c][i] = -first[c][i];
+      }
+    }
   } else {
     Surface surface;
     if (surface.prepare(s, root, time, subdivisions.get())) {
@@ -135,6 +144,10 @@ void SceneCache::evaluateSurface(NodeId id, size_t n, const uint32_t* cell, cons
         }
       }
     }
+  } else if (isThin(object)) {
+    if (out.P[0] || wantDerivatives)
+      thinSurface(skeleton_, object, patch.face, time, d.eye, n, cell, u, v, out.P[0] ? out.P : nullptr,
+                  out.dPdu[0] ? out.dPdu : nullptr, out.dPdv[0] ? out.dPdv : nullptr, nullptr);
   } else if (out.P[0] || wantDerivatives) {
     Surface surface;
     if (surface.prepare(skeleton_, root, time, d.subdivisions.get())) {
@@ -238,6 +251,11 @@ void SceneCache::evaluateDiced(NodeId id, size_t n, const uint32_t* cell, const 
 }
 
 void SceneCache::vertexParameters(const GridRecord& g, uint32_t* cell, float* u, float* v) const {
+  if (g.flags & kGridSprites) {
+    const uint32_t count = g.nu / g.rowStride;
+    for (uint32_t i = 0; i < count; ++i) cell[i] = i * (g.rowStride - 2), u[i] = v[i] = 1.0f / 3;
+    return;
+  }
   if (g.kind == GridKind::kMeshlet) {
     const GridView m = view(g);
     for (uint32_t i = 0; i < g.nu; ++i) cell[i] = 0, u[i] = v[i] = 0;
@@ -271,7 +289,24 @@ void SceneCache::evaluateParameters(NodeId id, size_t n, const uint32_t* cell, c
   const RootPatchRecord& patch = rootOf(id);
   const ObjectRecord& object = skeleton_.objects()[patch.object];
   float scaleU = 1, scaleV = 1, offsetU = 0, offsetV = 0;
-  if (patchScale(skeleton_, root, &scaleU, &scaleV, &offsetU, &offsetV)) {
+  if (isThin(object)) {
+    CurvesView curves;
+    const bool isCurves =
+        object.type == PrimitiveType::kCurves &&
+        curves.prepare(skeleton_, object, patch.face, skeleton_.camera().shutter[0], impl_->eye);
+    for (size_t i = 0; i < n; ++i) {
+      // A point has one place: the middle of its disk.
+      float a = 0.5f, b = 0.5f;
+      if (isCurves) {
+        const CurvesView::Place p = curves.place(cell ? cell[i] : 0, u[i], v[i]);
+        a = p.across, b = curves.along(p);
+      }
+      if (uOut) uOut[i] = a;
+      if (vOut) vOut[i] = b;
+      if (s) s[i] = a;
+      if (t) t[i] = b;
+    }
+  } else if (patchScale(skeleton_, root, &scaleU, &scaleV, &offsetU, &offsetV)) {
     for (size_t i = 0; i < n; ++i) {
       const float a = (u[i] + offsetU) / scaleU, b = (v[i] + offsetV) / scaleV;
       if (uOut) uOut[i] = a;
@@ -329,5 +364,7 @@ void SceneCache::evaluateParameters(NodeId id, size_t n, const uint32_t* cell, c
       evaluatePrimvarOf(skeleton_, *impl_->subdivisions, root, *pt, count, cells, u + at, v + at, outT);
   }
 }
+
+PatchTrim SceneCache::trimOf(NodeId id) const { return patchTrim(skeleton_, node(id).root); }
 
 }  // namespace fr::cache

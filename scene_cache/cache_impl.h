@@ -78,6 +78,7 @@ struct SceneCache::Impl {
   // ---- making (cache_dice.cpp): the word to publish, 0 when it could not be made
   uint64_t make(const Skeleton& skeleton, NodeId id, Displacer* displacer);
   uint64_t makeMeshlet(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
+  uint64_t makeThin(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   uint64_t makeGrid(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   /// Rectangles from the root to the node; empty when the tree is damaged.
   std::vector<NodeRect> pathTo(const PatchNode& n) const;

@@ -125,7 +125,7 @@ enum AttributeFlags : uint32_t {
                             // set when N = dPdu x dPdv has to be flipped, both taken in current = camera
                             // space. (In cache space the product is flipped once more when world to camera
                             // mirrors.) Polygons: dPdu x dPdv stands for (v1 - v0) x (v2 - v0).
-  kRayDisplacements = 8,  // rays see the displaced surface (default); clear: undisplaced
+  kRayDisplacements = 8,    // rays see the displaced surface (default); clear: undisplaced
   kDoubleShaded = 16,
   kReverseInCacheSpace =
       32,  // the same outcome for dPdu x dPdv computed in cache space (differs from kReverseOrientation
@@ -173,6 +173,9 @@ enum class PrimitiveType : uint8_t {
   kBicubicPatches,
   kSubdivision,
   kMeshlets,  // dense polygon mesh: one root patch (node) a meshlet
+  kNurbs,     // NuPatch: one root patch a span (non-empty knot interval in u and in v)
+  kPoints,    // one root patch a cluster of points; diced to meshlets of disks
+  kCurves,    // one root patch a cluster of curves; diced to meshlets of ribbons
 };
 
 /// One primitive of the scene.
@@ -242,9 +245,9 @@ struct alignas(64) GridRecord {
   GridKind kind;
   uint8_t keyCount;  // position keys, equally spaced over the shutter
   uint8_t levels;    // usable strides: 1, 2, .. 2^(levels-1)
-  uint8_t flags;     // kGridHasNormals
+  uint8_t flags;     // kGridHasNormals | ...
   uint16_t nu, nv;
-  uint32_t rowStride;        // in vertices
+  uint32_t rowStride;        // in vertices; kGridSprites: vertices a sprite
   uint64_t positions;        // arena offset of key 0; multiple of kPositionAlign
   uint64_t keyBytes;         // distance between keys
   uint64_t normals;          // arena offset of float[3] per vertex (dense, (nu+1)*(nv+1)), 0: none
@@ -259,6 +262,11 @@ struct alignas(64) GridRecord {
   uint32_t pad;
 };
 inline constexpr uint8_t kGridHasNormals = 1;
+inline constexpr uint8_t kGridTrimmed = 2;  // parts are cut away: ask SceneCache::trimOf()
+inline constexpr uint8_t kGridAbsent = 4;   // all of it is cut away
+/// A meshlet of separate polygons of equally many (rowStride) vertices, each a fan of triangles, each shaded
+/// at one point: shading points are polygons, not vertices.
+inline constexpr uint8_t kGridSprites = 8;
 
 // ---- frame-wide records
 // --------------------------------------------------------------------------------------

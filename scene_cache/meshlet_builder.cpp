@@ -2,21 +2,9 @@
 
 #include <algorithm>
 
+#include "scene_cache/morton.h"
+
 namespace fr::cache {
-namespace {
-
-/// Spreads the low 20 bits three apart.
-uint64_t spread(uint64_t x) {
-  x &= 0xfffff;
-  x = (x | x << 32) & 0x1f00000000ffffull;
-  x = (x | x << 16) & 0x1f0000ff0000ffull;
-  x = (x | x << 8) & 0x100f00f00f00f00full;
-  x = (x | x << 4) & 0x10c30c30c30c30c3ull;
-  return (x | x << 2) & 0x1249249249249249ull;
-}
-
-}  // namespace
-
 Meshlets buildMeshlets(std::vector<MeshTriangle> triangles, std::span<const Vec3> points, bool keepCorners,
                        bool keepFaces) {
   Meshlets m;
@@ -28,14 +16,11 @@ Meshlets buildMeshlets(std::vector<MeshTriangle> triangles, std::span<const Vec3
       mostCorner = std::max(mostCorner, t.corner[size_t(i)]);
     }
   }
-  const Vec3 size = box.max - box.min;
-  const float scale = 1048575.0f / std::max({size.x, size.y, size.z, 1e-30f});
   std::vector<std::pair<uint64_t, uint32_t>> order(triangles.size());
   for (size_t i = 0; i < triangles.size(); ++i) {
     const auto& v = triangles[i].vertex;
-    const Vec3 c = ((points[v[0]] + points[v[1]] + points[v[2]]) * (1.0f / 3) - box.min) * scale;
-    const auto grid = [](float x) { return uint64_t(std::clamp(x, 0.0f, 1048575.0f)); };
-    order[i] = {spread(grid(c.x)) | spread(grid(c.y)) << 1 | spread(grid(c.z)) << 2, uint32_t(i)};
+    const Vec3 c = ((points[v[0]] + points[v[1]] + points[v[2]]) * (1.0f / 3));
+    order[i] = {mortonCode(c, box), uint32_t(i)};
   }
   std::sort(order.begin(), order.end());  // equal places: by index
 

@@ -23,6 +23,7 @@ struct PrimitiveDesc {
   DMat4 uBasis{1}, vBasis{1};
   ri::BasisSteps steps;
   const ri::TrimCurve* trimCurve = nullptr;  ///< for NuPatch; nullptr: none
+  bool trimOutside = false;                  ///< Attribute "trimcurve" "sense" "outside"
 
   /// Deformation keys: the same request with other numbers. Empty: not deforming. keys[0] == primitive.
   std::span<const ri::Primitive* const> keys;

@@ -94,6 +94,81 @@ struct SubdivisionSource {
   Range patches;                            // SubdivisionPatch, one a root patch
 };
 
+/// A non-empty knot interval of a NuPatch, cut to the patch's range.
+struct NurbsSpan {
+  double low, high;         // parameter range
+  uint32_t segment;         // knot interval, empty ones counted: index of uniform and varying variables
+  float segLow, segHigh;    // the part of that interval, 0..1
+  float unitLow, unitHigh;  // the part of the patch's range, 0..1: the shader's u
+  uint32_t pad;
+};
+/// A straight piece of a trim loop.
+struct TrimEdge {
+  float u0, v0, u1, v1;
+};
+/// NuPatch as rational Bezier patches. Positions and vertex variables: orderU x orderV values a face, u
+/// fastest, faces u fastest.
+struct NurbsSource {
+  SourcePositions positions;
+  uint32_t orderU, orderV;  // of the Bezier patches: 4, or what the NuPatch had when that was more
+  uint32_t spansU, spansV;
+  uint32_t segmentsU, segmentsV;
+  Range spanU, spanV;       // NurbsSpan
+  Range trimEdges;          // TrimEdge, by band; those that cross several bands stand in each
+  Range trimBands;          // uint32, first edge of each band of v and one more; empty: not trimmed
+  float trimLow, trimHigh;  // of v
+  uint32_t trimOutside;     // 1: what lies outside of the loops is cut away
+  uint32_t pad;
+};
+inline constexpr uint32_t kMaxBezierOrder = 32;
+
+/// Points, sorted in space and cut into clusters.
+struct PointCluster {
+  uint64_t first;  // into order
+  uint32_t count;
+  uint32_t sides;  // of the polygons that stand for disks
+};
+struct PointsSource {
+  SourcePositions positions;
+  Range widths;    // float, one or one a point; object space
+  Range order;     // uint32, index of the point
+  Range clusters;  // PointCluster, one a root patch
+};
+
+/// One of the curves of a Curves.
+struct CurveRecord {
+  uint32_t firstVertex;  // into positions and vertex variables
+  uint32_t vertexCount;
+  uint32_t firstVarying;  // into varying variables
+  uint32_t segments;
+};
+/// A piece of one curve's ribbon: rows [firstRow, firstRow + rows] and columns of its cells.
+struct CurvePiece {
+  uint32_t curve;
+  uint32_t firstRow;  // rows count along the whole curve, 2^log2Steps a segment
+  uint16_t rows;
+  uint8_t log2Steps;
+  uint8_t columns;       // cells across, of this piece
+  uint16_t firstColumn;  // of allColumns
+  uint16_t allColumns;
+  uint16_t firstVertex, firstTriangle;  // within the meshlet
+};
+struct CurveCluster {
+  uint64_t firstPiece;
+  uint32_t pieceCount;
+  uint16_t vertexCount, triangleCount;
+};
+struct CurvesSource {
+  SourcePositions positions;
+  float basis[16];  // of cubic curves
+  uint32_t cubic, periodic, step;
+  uint32_t pad;
+  Range curves;    // CurveRecord
+  Range pieces;    // CurvePiece
+  Range clusters;  // CurveCluster, one a root patch
+};
+
+static_assert(isRecord<NurbsSource> && isRecord<PointsSource> && isRecord<CurvesSource>);
 static_assert(isRecord<QuadricSource> && isRecord<PatchMeshSource> && isRecord<PolygonSource> &&
               isRecord<MeshletSource> && isRecord<SubdivisionSource>);
 

@@ -6,6 +6,7 @@
 #include "scene_cache/bezier.h"
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/patch_basis.h"
+#include "scene_cache/thin.h"
 
 namespace fr::cache {
 namespace {
@@ -103,6 +104,60 @@ bool patchPrimvar(const PatchMeshSource& m, bool cubic, uint32_t face, ParamClas
   return true;
 }
 
+const NurbsSource* nurbsOf(const Skeleton& s, const ObjectRecord& o) {
+  if (o.type != PrimitiveType::kNurbs) return nullptr;
+  const auto* n = sourceRecord<NurbsSource>(s, o);
+  return n && n->spansU > 0 && n->orderU >= 4 && n->orderU <= kMaxBezierOrder && n->orderV >= 4 &&
+                 n->orderV <= kMaxBezierOrder
+             ? n
+             : nullptr;
+}
+
+bool nurbsPrimvar(const Skeleton& s, const NurbsSource& m, uint32_t face, ParamClass storage,
+                  const Values& values, size_t n, const float* u, const float* v, float* const* out) {
+  const auto us = sourceArray<NurbsSpan>(s, m.spanU), vs = sourceArray<NurbsSpan>(s, m.spanV);
+  const uint32_t fu = face % m.spansU, fv = face / m.spansU;
+  if (fu >= us.size() || fv >= vs.size()) return false;
+  const NurbsSpan &a = us[fu], &b = vs[fv];
+  const uint64_t segment = uint64_t(b.segment) * m.segmentsU + a.segment;
+  if (storage == ParamClass::kUniform) return fill(values.row(segment), values.width, n, out), true;
+  if (storage == ParamClass::kVertex) {
+    const uint32_t ou = m.orderU, ov = m.orderV;
+    for (size_t k = 0; k < n; ++k) {
+      for (uint32_t c = 0; c < values.width; ++c) {
+        float q[kMaxBezierOrder], line[kMaxBezierOrder];
+        const auto reduce = [](float* p, uint32_t order, float t) {
+          for (uint32_t r = order - 1; r > 0; --r) {
+            for (uint32_t i = 0; i < r; ++i) p[i] = lerpSymmetric(p[i], p[i + 1], 1 - t, t);
+          }
+          return p[0];
+        };
+        for (uint32_t i = 0; i < ou; ++i) {
+          for (uint32_t j = 0; j < ov; ++j) line[j] = values.row((uint64_t(face) * ov + j) * ou + i)[c];
+          q[i] = reduce(line, ov, v[k]);
+        }
+        out[c][k] = reduce(q, ou, u[k]);
+      }
+    }
+    return true;
+  }
+  const float* corner[4];
+  for (uint32_t k = 0; k < 4; ++k) {
+    corner[k] =
+        storage == ParamClass::kFaceVarying
+            ? values.row(segment * 4 + k)
+            : values.row((uint64_t(b.segment) + k / 2) * (uint64_t(m.segmentsU) + 1) + a.segment + k % 2);
+  }
+  for (size_t k = 0; k < n; ++k) {
+    const float x = a.segLow + (a.segHigh - a.segLow) * u[k], y = b.segLow + (b.segHigh - b.segLow) * v[k];
+    for (uint32_t c = 0; c < values.width; ++c) {
+      out[c][k] = lerpSymmetric(lerpSymmetric(corner[0][c], corner[2][c], 1 - y, y),
+                                lerpSymmetric(corner[1][c], corner[3][c], 1 - y, y), 1 - x, x);
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 bool isPolygon(const ObjectRecord& o) {
@@ -112,7 +167,19 @@ bool isPolygon(const ObjectRecord& o) {
 bool patchScale(const Skeleton& s, NodeId root, float* scaleU, float* scaleV, float* offsetU,
                 float* offsetV) {
   const RootPatchRecord& patch = s.rootPatches()[root];
-  const PatchMeshSource* m = patchMesh(s, s.objects()[patch.object]);
+  const ObjectRecord& object = s.objects()[patch.object];
+  if (const NurbsSource* nurbs = nurbsOf(s, object)) {
+    const auto us = sourceArray<NurbsSpan>(s, nurbs->spanU), vs = sourceArray<NurbsSpan>(s, nurbs->spanV);
+    const uint32_t fu = patch.face % nurbs->spansU, fv = patch.face / nurbs->spansU;
+    if (fu >= us.size() || fv >= vs.size()) return false;
+    const float du = us[fu].unitHigh - us[fu].unitLow, dv = vs[fv].unitHigh - vs[fv].unitLow;
+    if (!(du > 0) || !(dv > 0)) return false;
+    *scaleU = 1 / du, *scaleV = 1 / dv;
+    if (offsetU) *offsetU = us[fu].unitLow / du;
+    if (offsetV) *offsetV = vs[fv].unitLow / dv;
+    return true;
+  }
+  const PatchMeshSource* m = patchMesh(s, object);
   if (!m) return false;
   *scaleU = float(m->patchesU), *scaleV = float(m->patchesV);
   if (offsetU) *offsetU = float(patch.face % m->patchesU);
@@ -198,6 +265,9 @@ bool evaluatePrimvarOf(const Skeleton& s, SubdivisionStore& subdivisions, NodeId
     }
     return true;
   }
+  if (isThin(object))
+    return thinPrimvar(s, object, patch.face, param, {values.data, values.width, param.storage}, n, cell, u,
+                       v, out);
   if (isPolygon(object)) {
     const auto* source = sourceRecord<PolygonSource>(s, object);
     if (!source) return false;
@@ -214,6 +284,8 @@ bool evaluatePrimvarOf(const Skeleton& s, SubdivisionStore& subdivisions, NodeId
     return patchPrimvar(*m, object.type == PrimitiveType::kBicubicPatches, patch.face, param.storage, values,
                         n, u, v, out);
   }
+  if (const NurbsSource* m = nurbsOf(s, object))
+    return nurbsPrimvar(s, *m, patch.face, param.storage, values, n, u, v, out);
   if (object.type == PrimitiveType::kSubdivision) {
     return subdivisions.evaluate(patch.object, patch.face, param, values.data, values.width, n, u, v, out);
   }

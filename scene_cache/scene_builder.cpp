@@ -135,6 +135,7 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   d.uBasis = source.basis->u, d.vBasis = source.basis->v;
   d.steps = {source.basis->uStep, source.basis->vStep};
   d.trimCurve = source.trimCurve.get();
+  d.trimOutside = d.trimCurve && p.attributes->values.getString("trimcurve:sense", "inside") == "outside";
   std::vector<const ri::Primitive*> keys;
   if (source.samples.size() > 1) {
     for (const ri::Primitive& s : source.samples) keys.push_back(&s);

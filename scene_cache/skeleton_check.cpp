@@ -200,7 +200,7 @@ class Checker {
     const auto all = at<ObjectRecord>(h_.objects);
     for (size_t i = 0; i < all.size(); ++i) {
       const ObjectRecord& o = all[i];
-      if (o.type > PrimitiveType::kMeshlets) return void(fail("object {}: type {}", i, int(o.type)));
+      if (o.type > PrimitiveType::kCurves) return void(fail("object {}: type {}", i, int(o.type)));
       if (o.keyCount == 0 || o.keyCount > kMaxKeys)
         return void(fail("object {}: {} motion keys", i, o.keyCount));
       if (!(id(o.attributes, h_.attributes, false, "object", i, "attributes") &&

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "scene_cache/bezier.h"
+#include "scene_cache/primitive_source.h"
 #include "scene_cache/subdivision.h"
 
 namespace fr::cache {
@@ -44,6 +45,22 @@ void Surface::setBicubic(const double* points, int components, const DMat4& toCa
   }
 }
 
+void Surface::setBezier(const double* points, uint32_t orderU, uint32_t orderV, int components,
+                        const DMat4& toCache) {
+  if (orderU == 4 && orderV == 4) return setBicubic(points, components, toCache);
+  form_ = SurfaceForm::kBezier;
+  rational_ = components == 4;
+  orderU_ = orderU, orderV_ = orderV;
+  const size_t n = size_t(orderU) * orderV;
+  high_.assign(n * 4, 1.0f);
+  for (size_t i = 0; i < n; ++i) {
+    const double* p = points + i * size_t(components);
+    const DVec4 h = toCache * DVec4(p[0], p[1], p[2], rational_ ? p[3] : 1.0);
+    for (int c = 0; c < 3; ++c) high_[size_t(c) * n + i] = float(rational_ || h.w == 1 ? h[c] : h[c] / h.w);
+    if (rational_) high_[3 * n + i] = float(h.w);
+  }
+}
+
 void Surface::setQuadric(const Quadric& q, const DMat4& toCache) {
   form_ = SurfaceForm::kQuadric;
   rational_ = false;
@@ -64,6 +81,8 @@ bool Surface::finite() const {
       const Box3f b = bound();
       return isFinite(b.min) && isFinite(b.max);
     }
+    case SurfaceForm::kBezier:
+      return std::all_of(high_.begin(), high_.end(), [](float x) { return std::isfinite(x); });
     default:
       break;
   }
@@ -108,6 +127,41 @@ void Surface::bezierRow(float v, size_t n, const float* u, float* const P[3]) co
   }
 }
 
+namespace {
+
+/// De Casteljau's algorithm in place on `order` values `stride` apart: the point, and the difference that its
+/// derivative is degree times. Symmetric as bezier.h asks for.
+float casteljau(float* p, uint32_t order, float t, float* difference) {
+  const float s = 1 - t;
+  for (uint32_t r = order - 1; r > 1; --r) {
+    for (uint32_t i = 0; i < r; ++i) p[i] = lerpSymmetric(p[i], p[i + 1], s, t);
+  }
+  if (difference) *difference = p[1] - p[0];
+  return lerpSymmetric(p[0], p[1], s, t);
+}
+
+}  // namespace
+
+void Surface::highRow(float v, size_t n, const float* u, float* const P[3]) const {
+  const size_t all = size_t(orderU_) * orderV_;
+  const uint32_t components = rational_ ? 4 : 3;
+  float q[4][kMaxBezierOrder], line[kMaxBezierOrder];
+  for (uint32_t c = 0; c < components; ++c) {
+    for (uint32_t i = 0; i < orderU_; ++i) {
+      for (uint32_t j = 0; j < orderV_; ++j) line[j] = high_[c * all + j * orderU_ + i];
+      q[c][i] = casteljau(line, orderV_, v, nullptr);
+    }
+  }
+  for (size_t k = 0; k < n; ++k) {
+    float p[4] = {0, 0, 0, 1};
+    for (uint32_t c = 0; c < components; ++c) {
+      std::copy_n(q[c], orderU_, line);
+      p[c] = casteljau(line, orderU_, u[k], nullptr);
+    }
+    for (int c = 0; c < 3; ++c) P[c][k] = rational_ ? p[c] / p[3] : p[c];
+  }
+}
+
 void Surface::quadricRow(const ProfilePoint& p, size_t n, const double* s, const double* c,
                          float* const P[3]) const {
   const DMat4& m = toCache_;
@@ -144,6 +198,9 @@ void Surface::row(float v, size_t n, const float* u, float* const P[3]) const {
     }
     case SurfaceForm::kBicubic:
       bezierRow(v, n, u, P);
+      return;
+    case SurfaceForm::kBezier:
+      highRow(v, n, u, P);
       return;
     case SurfaceForm::kQuadric: {
       const ProfilePoint p = quadricProfile(quadric_, double(v));
@@ -253,6 +310,23 @@ void Surface::derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const
       if (rational_) P /= p[3], du = (du - P * a[3]) / p[3], dv = (dv - P * b[3]) / p[3];
       return;
     }
+    case SurfaceForm::kBezier: {
+      const size_t all = size_t(orderU_) * orderV_;
+      float p[4] = {0, 0, 0, 1}, a[4] = {}, b[4] = {};
+      for (uint32_t c = 0; c < (rational_ ? 4u : 3u); ++c) {
+        float q[kMaxBezierOrder], d[kMaxBezierOrder], line[kMaxBezierOrder];
+        for (uint32_t i = 0; i < orderU_; ++i) {
+          for (uint32_t j = 0; j < orderV_; ++j) line[j] = high_[c * all + j * orderU_ + i];
+          q[i] = casteljau(line, orderV_, v, &d[i]);
+        }
+        p[c] = casteljau(q, orderU_, u, &a[c]);
+        b[c] = casteljau(d, orderU_, u, nullptr);
+        a[c] *= float(orderU_ - 1), b[c] *= float(orderV_ - 1);
+      }
+      P = Vec3(p[0], p[1], p[2]), du = Vec3(a[0], a[1], a[2]), dv = Vec3(b[0], b[1], b[2]);
+      if (rational_) P /= p[3], du = (du - P * a[3]) / p[3], dv = (dv - P * b[3]) / p[3];
+      return;
+    }
     case SurfaceForm::kQuadric: {
       const ProfilePoint q = quadricProfile(quadric_, double(v));
       const double sweep = quadricSweep(quadric_);
@@ -310,9 +384,11 @@ void Surface::normals(size_t n, const float* u, const float* v, float* const N[3
     double square = glm::dot(normal, normal);
     // Poles and collapsed edges: the sine of the angle, not the size, tells a degenerate frame.
     const double limit = 1e-10 * double(glm::dot(du, du)) * double(glm::dot(dv, dv));
-    if (!(square > limit)) {
+    // And a derivative that is no more than the rounding of the coordinates has no direction.
+    const float rounding = 4e-12f * glm::dot(p, p);
+    if (!(square > limit) || glm::dot(du, du) < rounding || glm::dot(dv, dv) < rounding) {
       const float un = u[k] + (u[k] < 0.5f ? kNudge : -kNudge), vn = v[k] + (v[k] < 0.5f ? kNudge : -kNudge);
-      for (int attempt = 0; attempt < 3 && !(square > 0); ++attempt) {
+      for (int attempt = 0; attempt < 3 && (attempt == 0 || !(square > 0)); ++attempt) {
         derivativesAt(attempt == 1 ? u[k] : un, attempt == 0 ? u[k] == un ? v[k] : vn : vn, p, du, dv);
         normal = glm::cross(DVec3(du), DVec3(dv));
         square = glm::dot(normal, normal);
@@ -334,6 +410,12 @@ Box3f Surface::bound() const {
     case SurfaceForm::kSubdivision:  // addSubdivision() bounds by control points
     case SurfaceForm::kEmpty:
       return box;
+    case SurfaceForm::kBezier: {
+      const size_t n = size_t(orderU_) * orderV_;
+      for (size_t i = 0; i < n; ++i)
+        box.extend(Vec3(high_[i], high_[n + i], high_[2 * n + i]) / high_[3 * n + i]);
+      break;
+    }
     default: {
       const int count = form_ == SurfaceForm::kBicubic ? 16 : 4;
       for (int i = 0; i < count; ++i) box.extend(Vec3(cp_[0][i], cp_[1][i], cp_[2][i]) / cp_[3][i]);

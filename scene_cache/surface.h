@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstddef>
+#include <vector>
 
 #include "base/math.h"
 #include "scene_cache/cache.h"
@@ -17,7 +18,7 @@ namespace fr::cache {
 class SubdivisionStore;
 class SubdivisionSurface;
 
-enum class SurfaceForm : uint8_t { kEmpty, kBilinear, kPolygon, kBicubic, kQuadric, kSubdivision };
+enum class SurfaceForm : uint8_t { kEmpty, kBilinear, kPolygon, kBicubic, kBezier, kQuadric, kSubdivision };
 
 /// Not thread-safe to prepare; const afterwards.
 class Surface {
@@ -30,6 +31,9 @@ class Surface {
   // doubles each.
   void setBilinear(const double* points, int components, const DMat4& toCache);
   void setBicubic(const double* bezierPoints, int components, const DMat4& toCache);
+  /// Any orders up to kMaxBezierOrder.
+  void setBezier(const double* points, uint32_t orderU, uint32_t orderV, int components,
+                 const DMat4& toCache);
   /// Corners (0,0) (1,0) (0,1) (1,1) of a plane polygon's patch: one normal everywhere.
   void setPolygon(const DVec3 corners[4], const DMat4& toCache);
   void setQuadric(const Quadric& q, const DMat4& toCache);
@@ -59,12 +63,16 @@ class Surface {
 
  private:
   void bezierRow(float v, size_t n, const float* u, float* const P[3]) const;
+  void highRow(float v, size_t n, const float* u, float* const P[3]) const;
   void quadricRow(const ProfilePoint& p, size_t n, const double* s, const double* c, float* const P[3]) const;
   void derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const;
 
   SurfaceForm form_ = SurfaceForm::kEmpty;
   bool rational_ = false;
   float cp_[4][16] = {};  // [component][v * 4 + u] (bilinear: v * 2 + u)
+  // kBezier: control points, orderU_ * orderV_ a component, u fastest.
+  uint32_t orderU_ = 0, orderV_ = 0;
+  std::vector<float> high_;
   Quadric quadric_{};
   DMat4 toCache_{1};
   const SubdivisionSurface* subdivision_ = nullptr;

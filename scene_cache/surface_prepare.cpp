@@ -96,6 +96,28 @@ bool Surface::prepare(const Skeleton& skeleton, NodeId root, float time, Subdivi
       form_ = SurfaceForm::kSubdivision;
       return true;
     }
+    case PrimitiveType::kNurbs: {
+      const auto* s = sourceRecord<NurbsSource>(skeleton, object);
+      if (!s || s->spansU == 0 || s->orderU < 4 || s->orderV < 4 || s->orderU > kMaxBezierOrder ||
+          s->orderV > kMaxBezierOrder)
+        return false;
+      const PositionKeys p = positionsAt(skeleton, s->positions, time);
+      const auto us = sourceArray<NurbsSpan>(skeleton, s->spanU),
+                 vs = sourceArray<NurbsSpan>(skeleton, s->spanV);
+      const uint64_t perFace = uint64_t(s->orderU) * s->orderV;
+      const uint32_t fu = patch.face % s->spansU, fv = patch.face / s->spansU;
+      if (!p.a || (uint64_t(patch.face) + 1) * perFace > p.count || fu >= us.size() || fv >= vs.size())
+        return false;
+      double points[kMaxBezierOrder * kMaxBezierOrder * 4];
+      for (uint64_t i = 0; i < perFace; ++i)
+        positionValue(p, uint64_t(patch.face) * perFace + i, points + i * p.components);
+      setBezier(points, s->orderU, s->orderV, int(p.components), toCache);
+      const float du = us[fu].unitHigh - us[fu].unitLow, dv = vs[fv].unitHigh - vs[fv].unitLow;
+      shaderScaleU = du > 0 ? 1 / du : 1, shaderScaleV = dv > 0 ? 1 / dv : 1;
+      return true;
+    }
+    case PrimitiveType::kPoints:
+    case PrimitiveType::kCurves:
     case PrimitiveType::kMeshlets:
       return false;
     default: {

@@ -111,6 +111,7 @@ bool AreaLight::asBall(const ObjectRecord& object, Ball& ball) const {
 }
 
 void AreaLight::addGrid(const GridRecord& grid, bool reversed) {
+  if (grid.flags & kGridAbsent) return;
   const GridView view = scene_.view(grid);
   const Mat4 toCurrent(host_.cacheToCurrent());
   const Mat3 normalToCurrent(normalMatrix(host_.cacheToCurrent()));

@@ -198,7 +198,9 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   if (!hits) {
     const cache::GridRecord& grid = *points.grid;
     const cache::GridView view = scene.view(grid);
-    const bool meshlet = grid.kind == cache::GridKind::kMeshlet;
+    const bool meshlet = grid.kind == cache::GridKind::kMeshlet, sprites = grid.flags & cache::kGridSprites;
+    const cache::PrimitiveType type = scene.objectOf(grid.node).type;
+    const bool thin = type == cache::PrimitiveType::kPoints || type == cache::PrimitiveType::kCurves;
     scene.vertexParameters(grid, cells_.data(), patchU_.data(), patchV_.data());
     std::fill_n(nodes_.begin(), n, grid.node);
     const uint32_t row = meshlet ? kMaxRowPoints : grid.nu + 1u;
@@ -211,16 +213,17 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
       seeds_[i] = hashStep(points.gridSeed, i);
     }
     const bool displaced = view.normals != nullptr || setup.displaced;
+    const bool faceted = meshlet && !thin;  // derivatives along the sides of triangles
     if (!view.normals || !displaced)
       scene.evaluateSurface(grid.node, n, cells_.data(), patchU_.data(), patchV_.data(),
-                            surfaceOut(0, false, !view.normals, !displaced && !meshlet));
+                            surfaceOut(0, sprites, !view.normals, !displaced && !faceted));
     toCurrent(kP, false), toCurrent(kN, true);
     if (needParameters)
       scene.evaluateParameters(grid.node, n, cells_.data(), patchU_.data(), patchV_.data(), column(kU),
                                column(kV), column(kS), column(kT));
     float du = 1, dv = 1, scaleU = 1, scaleV = 1;
     if (meshlet) {
-      meshletStencil(stencil_, n, grid.nv, view.indices, lanes_);
+      meshletStencil(stencil_, n, sprites ? 0 : grid.nv, view.indices, lanes_);
     } else {
       // Over the widest row and column: those of a border may be collapsed.
       const auto span = [](const float* p, uint32_t cells, uint32_t step, uint32_t lines, uint32_t lineStep) {
@@ -242,7 +245,7 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
                   needParameters ? column(kV) : nullptr);
     }
     std::fill_n(column(kDu), lanes_, du), std::fill_n(column(kDv), lanes_, dv);
-    if (displaced || meshlet) {
+    if (displaced || faceted) {
       differencesFromStencil(true, batch_.orientation);
     } else {
       toCurrent(kNg, true), toCurrent(kDPdu, false), toCurrent(kDPdv, false);
@@ -256,7 +259,9 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     if (setup.canAskRays) {
       for (uint32_t i = 0; i < n; ++i) {
         const Vec3 a = at3(operand(kDPdu), i) * du, b = at3(operand(kDPdv), i) * dv;
-        const float radius = 0.5f * std::sqrt(std::max(glm::dot(a, a), glm::dot(b, b)));
+        // A curve's v runs along all of it: its width says how large a cell is.
+        const float square = thin ? glm::dot(a, a) : std::max(glm::dot(a, a), glm::dot(b, b));
+        const float radius = 0.5f * std::sqrt(square);
         column(kRadius)[i] = radius;
         const float distance = glm::length(at3(operand(kP), i));
         column(kSpread)[i] = perspective && distance > 0 ? std::min(1.0f, radius / distance) : 0.0f;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "scene_cache/trim.h"
 #include "tracer/ray_scene_embree.h"
 
 namespace fr::tracer {
@@ -64,6 +65,10 @@ struct HitFilter {
     if (e.oneSided && cosine > 0) return false;
     if (cosine * float(ray->side) > 0) return false;
     if (ray->seen && !ray->seen[e.attributes]) return false;
+
+    if (e.trimmed &&
+        scene->cache_->trimOf(e.node).removed(e.u0 + e.uScale * h.u, e.v0 + e.vScale * h.v))
+      return false;
 
     const float rounding = kRounding * std::max(largestCoordinate(ray->origin),
                                                 largestCoordinate(ray->origin + t * ray->direction));

@@ -52,6 +52,7 @@ struct SurfaceEntry {
   uint8_t oneSided, meshlet, level, moving;
   cache::CastsShadows castsShadows;
   uint8_t opaqueCaster;  // stops shadow rays without being asked
+  uint8_t trimmed;       // parts are cut away: SceneCache::trimOf()
 };
 
 /// Where a ray leaves, enough to know the leaving surface again without a tuned distance.

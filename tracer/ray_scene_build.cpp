@@ -157,6 +157,7 @@ class RaySceneBuilder {
   bool prepareGrid(NodeId id, ObjectId object, const ObjectFacts& facts, const GridRecord& shared,
                    Prepared& p) {
     const GridRecord g = shared;
+    if (g.flags & kGridAbsent) return false;
     const bool meshlet = g.kind == GridKind::kMeshlet;
     const uint64_t arenaBytes = cache_.arena().size();
     const uint64_t vertices = meshlet ? g.nu : uint64_t(g.nv) * g.rowStride + g.nu + 1;
@@ -218,6 +219,7 @@ class RaySceneBuilder {
     e.moving = g.keyCount > 1;
     e.castsShadows = facts.castsShadows;
     e.opaqueCaster = facts.opaqueCaster;
+    e.trimmed = (g.flags & kGridTrimmed) != 0;
     return true;
   }
 
