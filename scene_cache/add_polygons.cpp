@@ -184,15 +184,7 @@ Result<void> addPolygons(Adding& a) {
     }
   }
 
-  DMat4 cacheToCamera(1);
-  {
-    const TransformKeys& camera = a.writer.transform(a.writer.camera().worldToCamera);
-    if (!camera.matrices.empty())
-      cacheToCamera = interpolateMotion(camera.times, camera.matrices, a.writer.camera().shutter[0]);
-    cacheToCamera[3] = cacheToCamera * DVec4(a.writer.cacheOrigin(), 1.0);
-  }
-  DiceRate rate = diceRate(diceEye(a.writer.camera(), cacheToCamera), a.writer.attributes(a.desc.attributes),
-                           PrimitiveType::kMeshlets);
+  DiceRate rate = a.rate(PrimitiveType::kMeshlets);
   const std::vector<Vec3>& P = points[0];
   // Scans and film assets come in faces of about a pixel, some a little larger. A few grids for these would
   // outweigh all meshlets: when nearly all faces are small, what counts as small stretches a little.

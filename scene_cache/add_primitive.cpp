@@ -20,6 +20,15 @@ Adding::Adding(SkeletonWriter& w, const PrimitiveDesc& d) : writer(w), desc(d) {
   displacementBound = std::max(0.0f, w.attributes(d.attributes).displacementBound);
 }
 
+DiceRate Adding::rate(PrimitiveType type) const {
+  DMat4 cacheToCamera(1);
+  const TransformKeys& camera = writer.transform(writer.camera().worldToCamera);
+  if (!camera.matrices.empty())
+    cacheToCamera = interpolateMotion(camera.times, camera.matrices, writer.camera().shutter[0]);
+  cacheToCamera[3] = cacheToCamera * DVec4(writer.cacheOrigin(), 1.0);
+  return diceRate(diceEye(writer.camera(), cacheToCamera), writer.attributes(desc.attributes), type);
+}
+
 Error Adding::error(RiError code, std::string message) const {
   Error e = makeError(code, "{}: {}", ri::primitiveName(*desc.primitive), message);
   e.where = desc.location;
@@ -141,6 +150,8 @@ Result<void> addPrimitive(SkeletonWriter& writer, const PrimitiveDesc& desc) {
             return addNuPatch(a);
           } else if constexpr (std::is_same_v<T, ri::Points>) {
             return addPoints(a);
+          } else if constexpr (std::is_same_v<T, ri::Blobby>) {
+            return addBlobby(a);
           } else if constexpr (std::is_same_v<T, ri::Curves>) {
             return addCurves(a);
           } else if constexpr (std::is_same_v<T, ri::Polygon> || std::is_same_v<T, ri::GeneralPolygon> ||

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "scene_cache/dice_metric.h"
 #include "scene_cache/primitive.h"
 #include "scene_cache/primitive_source.h"
 #include "scene_cache/surface.h"
@@ -24,6 +25,8 @@ struct Adding {
   std::span<const float> keyTimes() const {
     return desc.keys.size() > 1 ? desc.keyTimes : std::span<const float>();
   }
+  /// Lengths in cache space to micropolygons, as dicing will see them.
+  DiceRate rate(PrimitiveType type) const;
   Error error(RiError code, std::string message) const;
   void warn(RiError code, std::string message) const;
   /// An object record with everything but its patches. Primitive variables of the list are added, positions
@@ -50,6 +53,7 @@ Result<void> addPatches(Adding& a);
 Result<void> addNuPatch(Adding& a);
 Result<void> addPoints(Adding& a);
 Result<void> addCurves(Adding& a);
+Result<void> addBlobby(Adding& a);
 Result<void> addPolygons(Adding& a);
 Result<void> addSubdivision(Adding& a);
 

@@ -5,7 +5,6 @@
 #include "scene_cache/add_primitive.h"
 #include "scene_cache/bezier.h"
 #include "scene_cache/morton.h"
-#include "scene_cache/motion.h"
 #include "scene_cache/patch_basis.h"
 #include "scene_cache/thin.h"
 
@@ -19,15 +18,9 @@ struct Rated {
 };
 
 Rated ratedFor(const Adding& a) {
-  DMat4 cacheToCamera(1);
-  const TransformKeys& camera = a.writer.transform(a.writer.camera().worldToCamera);
-  if (!camera.matrices.empty())
-    cacheToCamera = interpolateMotion(camera.times, camera.matrices, a.writer.camera().shutter[0]);
-  cacheToCamera[3] = cacheToCamera * DVec4(a.writer.cacheOrigin(), 1.0);
-  const AttributeRecord& attributes = a.writer.attributes(a.desc.attributes);
   Rated r;
-  r.rate = diceRate(diceEye(a.writer.camera(), cacheToCamera), attributes, PrimitiveType::kCurves);
-  r.pixels = std::sqrt(std::clamp(attributes.shadingRate, 1e-4f, 1e6f));
+  r.rate = a.rate(PrimitiveType::kCurves);
+  r.pixels = std::sqrt(std::clamp(a.writer.attributes(a.desc.attributes).shadingRate, 1e-4f, 1e6f));
   const double s = std::cbrt(std::abs(glm::determinant(DMat3(a.toCache[0]))));
   r.scale = std::isfinite(s) ? float(s) : 0.0f;
   return r;
@@ -84,10 +77,11 @@ uint32_t sidesFor(float radius) {
 
 /// How many pieces of a curve stay this close to it, in micropolygons.
 constexpr float kCurveTolerance = 0.15f;
-/// Longest cells along a curve, in micropolygons: a thin ribbon's cell may be this long and still be smaller
-/// than a micropolygon.
-constexpr float kLongestCell = 4;
-constexpr int kMostLog2Steps = 10;
+/// Cells of a narrow ribbon: this many micropolygons of area, but no longer than kLongestCell. Hair is shaded
+/// along its length, where nothing changes within a few pixels.
+constexpr float kCellArea = 3;
+constexpr float kLongestCell = 8;
+constexpr float kMostSteps = 4096;
 constexpr uint32_t kMostColumns = 1024;
 
 /// Rows of cells that fit a meshlet when it is this many cells wide.
@@ -237,7 +231,7 @@ Result<void> addCurves(Adding& a) {
     uint64_t code = 0;
     uint32_t curve = 0;
     Box3f bound;
-    uint8_t log2Steps = 0;
+    uint16_t steps = 1;
     uint32_t columns = 1;
   };
   std::vector<Planned> planned;
@@ -277,7 +271,7 @@ Result<void> addCurves(Adding& a) {
         for (uint32_t k = 1; k + 1 < n; ++k)
           bend = std::max(bend, rated.rate.segment(b[k], b[k] + (b[k - 1] - 2.0f * b[k] + b[k + 1])));
         // A cubic's chord is off by at most 6 / 8 of the second difference of its control points, over n^2.
-        const float longest = std::clamp(1.0f / std::max(across, 1e-6f), 1.0f, kLongestCell);
+        const float longest = std::clamp(kCellArea / std::max(across, 1e-6f), 1.0f, kLongestCell);
         steps = std::max({steps, std::sqrt(0.75f * bend / kCurveTolerance), length / longest});
       }
     }
@@ -290,7 +284,7 @@ Result<void> addCurves(Adding& a) {
     p.bound.grow(radius);
     const Vec3 size = glm::max(glm::abs(p.bound.min), glm::abs(p.bound.max));
     p.bound.grow(4e-7f * std::max({size.x, size.y, size.z}));
-    p.log2Steps = uint8_t(std::min(log2Ceil(double(steps)), kMostLog2Steps));
+    p.steps = uint16_t(std::clamp(std::ceil(steps), 1.0f, kMostSteps));
     p.columns = uint32_t(std::clamp(std::ceil(across), 1.0f, float(kMostColumns)));
     all.extend(p.bound);
     planned.push_back(p);
@@ -312,16 +306,16 @@ Result<void> addCurves(Adding& a) {
   std::vector<Box3f> bounds;
   for (const Planned& p : planned) {
     const uint32_t strips = (p.columns + 14) / 15;
-    const uint64_t rows = uint64_t(curves[p.curve].segments) << p.log2Steps;
+    const uint64_t rows = uint64_t(curves[p.curve].segments) * p.steps;
     if (rows >= uint64_t(1) << 31) return a.error(RiError::kLimit, "a curve of too many segments");
     for (uint32_t strip = 0; strip < strips; ++strip) {
       const uint32_t firstColumn = strip * p.columns / strips,
                      columns = (strip + 1) * p.columns / strips - firstColumn;
       for (uint64_t row = 0; row < rows;) {
         CurvePiece piece{};
-        piece.curve = p.curve, piece.log2Steps = p.log2Steps;
+        piece.curve = p.curve, piece.steps = p.steps;
         piece.firstRow = uint32_t(row);
-        piece.columns = uint8_t(columns), piece.firstColumn = uint16_t(firstColumn);
+        piece.columns = uint16_t(columns), piece.firstColumn = uint16_t(firstColumn);
         piece.allColumns = uint16_t(p.columns);
         piece.rows = uint16_t(std::min<uint64_t>(rows - row, rowsThatFit(columns)));
         const uint32_t vertices = (piece.rows + 1u) * (columns + 1), triangles = 2u * piece.rows * columns;

@@ -145,13 +145,14 @@ struct CurveRecord {
 /// A piece of one curve's ribbon: rows [firstRow, firstRow + rows] and columns of its cells.
 struct CurvePiece {
   uint32_t curve;
-  uint32_t firstRow;  // rows count along the whole curve, 2^log2Steps a segment
+  uint32_t firstRow;  // rows count along the whole curve, `steps` a segment
+  uint16_t steps;
   uint16_t rows;
-  uint8_t log2Steps;
-  uint8_t columns;       // cells across, of this piece
+  uint16_t columns;      // cells across, of this piece
   uint16_t firstColumn;  // of allColumns
   uint16_t allColumns;
   uint16_t firstVertex, firstTriangle;  // within the meshlet
+  uint16_t pad;
 };
 struct CurveCluster {
   uint64_t firstPiece;

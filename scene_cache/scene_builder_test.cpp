@@ -479,8 +479,8 @@ TEST(SceneBuilder, MovingTransformsKeepTheirKeys) {
 }
 
 TEST(SceneBuilder, WhatIsMissingIsSaidOncePerKind) {
-  const std::string points = "Points \"P\" [0 0 0 1 1 1]\n";
-  Built b = build(world("", points + points +
+  const std::string cow = "Geometry \"cow\"\n";
+  Built b = build(world("", cow + cow +
                                 "Procedural \"DynamicLoad\" [\"a.so\" \"\"] [-1 1 -1 1 -1 1]\n"
                                 "Procedural \"DynamicLoad\" [\"a.so\" \"\"] [-1 1 -1 1 -1 1]\n" +
                                 kSphere));

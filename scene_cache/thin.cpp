@@ -130,6 +130,7 @@ bool CurvesView::prepare(const Skeleton& s, const ObjectRecord& object, uint32_t
   const auto clusters = sourceArray<CurveCluster>(s, source->clusters);
   const auto all = sourceArray<CurvePiece>(s, source->pieces);
   curves = sourceArray<CurveRecord>(s, source->curves);
+  if (source->cubic) conversion = bezierConversion(source->basis);
   positions = positionsAt(s, source->positions, time);
   if (face >= clusters.size() || positions.count == 0) return false;
   cluster = clusters[face];
@@ -140,7 +141,7 @@ bool CurvesView::prepare(const Skeleton& s, const ObjectRecord& object, uint32_t
   pieces = all.subspan(cluster.firstPiece, cluster.pieceCount);
   uint32_t vertices = 0, triangles = 0;
   for (const CurvePiece& p : pieces) {
-    if (p.curve >= curves.size() || p.rows == 0 || p.columns == 0 || p.log2Steps > 16 || p.allColumns == 0 ||
+    if (p.curve >= curves.size() || p.rows == 0 || p.columns == 0 || p.steps == 0 || p.allColumns == 0 ||
         curves[p.curve].segments == 0 || curves[p.curve].vertexCount == 0 || p.firstVertex != vertices ||
         p.firstTriangle != triangles)
       return false;
@@ -168,9 +169,9 @@ CurvesView::Place CurvesView::place(uint32_t cell, float u, float v) const {
   if (local & 1) u = 1 - u, v = 1 - v;
   Place r;
   r.curve = p.curve;
-  const uint32_t at = p.firstRow + row, mask = (1u << p.log2Steps) - 1;
-  r.segment = std::min(at >> p.log2Steps, curves[p.curve].segments - 1);
-  r.t = (float(at & mask) + v) / float(mask + 1);
+  const uint32_t at = p.firstRow + row;
+  r.segment = std::min(at / p.steps, curves[p.curve].segments - 1);
+  r.t = (float(at % p.steps) + v) / float(p.steps);
   r.across = (float(p.firstColumn + column) + u) / float(p.allColumns);
   return r;
 }
@@ -190,7 +191,6 @@ void CurvesView::value(const VariableRows& rows, const Place& p, float* out) con
       return;
     case ParamClass::kVertex: {
       if (!source->cubic) break;
-      const BezierConversion conversion = bezierConversion(source->basis);
       double b[4];
       bernstein(double(p.t), b);
       for (uint32_t k = 0; k < rows.width; ++k) {
@@ -228,7 +228,6 @@ void CurvesView::segmentPoints(const CurveRecord& c, uint32_t segment, DVec3 b[4
   }
   DVec3 g[4];
   for (uint32_t i = 0; i < 4; ++i) g[i] = at(i);
-  const BezierConversion conversion = bezierConversion(source->basis);
   for (int i = 0; i < 4; ++i) {
     DVec3 sum(0);
     for (int j = 0; j < 4; ++j) sum += conversion.m[i][j] * g[j];
@@ -302,41 +301,48 @@ CurvesView::Frame CurvesView::frame(const Place& p) const {
   return frameWith(p, cubicAt(b, double(p.t)), cubicSlope(b, double(p.t)), directionAt(b, double(p.t)));
 }
 
-CurvesView::Frame CurvesView::frameOfRow(const CurvePiece& piece, uint32_t row) const {
+CurvesView::Frame CurvesView::frameOfRow(const CurvePiece& piece, uint32_t row, Segment& now) const {
   const CurveRecord& c = curves[piece.curve];
-  const uint32_t mask = (1u << piece.log2Steps) - 1;
   Place p;
   p.curve = piece.curve;
-  p.segment = row >> piece.log2Steps;
-  DVec3 b[4], before[4];
-  if (row & mask) {
+  p.segment = row / piece.steps;
+  const auto take = [&](uint32_t segment) {
+    if (now.curve == p.curve && now.segment == segment) return;
+    segmentPoints(c, segment, now.b);
+    now.curve = p.curve, now.segment = segment;
+  };
+  if (row % piece.steps != 0) {
     p.segment = std::min(p.segment, c.segments - 1);
-    p.t = float(row & mask) / float(mask + 1);
-    segmentPoints(c, p.segment, b);
-    return frameWith(p, cubicAt(b, double(p.t)), cubicSlope(b, double(p.t)), directionAt(b, double(p.t)));
+    p.t = float(row % piece.steps) / float(piece.steps);
+    take(p.segment);
+    const double t = double(p.t);
+    return frameWith(p, cubicAt(now.b, t), cubicSlope(now.b, t), directionAt(now.b, t));
   }
   // Between two segments: one point and one direction for both, so that the ribbon does not tear.
   if (source->periodic) {
     p.segment %= c.segments;
   } else if (p.segment >= c.segments) {
     p.segment = c.segments - 1, p.t = 1;
-    segmentPoints(c, p.segment, b);
-    return frameWith(p, b[3], cubicSlope(b, 1), directionAt(b, 1));
+    take(p.segment);
+    return frameWith(p, now.b[3], cubicSlope(now.b, 1), directionAt(now.b, 1));
   }
-  segmentPoints(c, p.segment, b);
-  DVec3 direction = directionAt(b, 0);
+  DVec3 before(0);
   if (p.segment > 0 || source->periodic) {
-    segmentPoints(c, p.segment > 0 ? p.segment - 1 : c.segments - 1, before);
-    const DVec3 sum = directionAt(before, 1) + direction;
-    if (glm::length(sum) > 1e-3) direction = glm::normalize(sum);
+    take(p.segment > 0 ? p.segment - 1 : c.segments - 1);
+    before = directionAt(now.b, 1);
   }
-  return frameWith(p, b[0], cubicSlope(b, 0), direction);
+  take(p.segment);
+  DVec3 direction = directionAt(now.b, 0);
+  const DVec3 sum = before + direction;
+  if (glm::length(sum) > 1e-3) direction = glm::normalize(sum);
+  return frameWith(p, now.b[0], cubicSlope(now.b, 0), direction);
 }
 
 void CurvesView::vertices(float* xyz) const {
+  Segment now;
   for (const CurvePiece& p : pieces) {
     for (uint32_t r = 0; r <= p.rows; ++r) {
-      const Frame f = frameOfRow(p, p.firstRow + r);
+      const Frame f = frameOfRow(p, p.firstRow + r, now);
       for (uint32_t i = 0; i <= p.columns; ++i, xyz += 3) {
         const float x = float(p.firstColumn + i) / float(p.allColumns) * 2 - 1;
         const Vec3 q = f.center + f.half * x;

@@ -7,6 +7,7 @@
 #pragma once
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/patch_basis.h"
 
 namespace fr::cache {
 
@@ -56,6 +57,7 @@ struct CurvesView {
   std::span<const CurvePiece> pieces;
   PositionKeys positions;
   VariableRows width, normal;
+  BezierConversion conversion{};
   DMat4 toCache{1};
   Mat3 normalToCache{1};
   float scale = 1;
@@ -87,7 +89,12 @@ struct CurvesView {
 
  private:
   void segmentPoints(const CurveRecord& c, uint32_t segment, DVec3 b[4]) const;
-  Frame frameOfRow(const CurvePiece& piece, uint32_t row) const;
+  /// A segment's Bezier points, kept from row to row.
+  struct Segment {
+    uint32_t curve = kNone, segment = 0;
+    DVec3 b[4];
+  };
+  Frame frameOfRow(const CurvePiece& piece, uint32_t row, Segment& now) const;
   Frame frameWith(const Place& p, const DVec3& point, const DVec3& derivative, const DVec3& direction) const;
 };
 

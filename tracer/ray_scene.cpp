@@ -66,8 +66,7 @@ struct HitFilter {
     if (cosine * float(ray->side) > 0) return false;
     if (ray->seen && !ray->seen[e.attributes]) return false;
 
-    if (e.trimmed &&
-        scene->cache_->trimOf(e.node).removed(e.u0 + e.uScale * h.u, e.v0 + e.vScale * h.v))
+    if (e.trimmed && scene->cache_->trimOf(e.node).removed(e.u0 + e.uScale * h.u, e.v0 + e.vScale * h.v))
       return false;
 
     const float rounding = kRounding * std::max(largestCoordinate(ray->origin),
@@ -75,8 +74,17 @@ struct HitFilter {
     if (isDepartingSurface(e, t, cosine, rounding) || isArrivalSurface(e, t, cosine, rounding)) return false;
 
     uint32_t cell;
+    float hitU = h.u, hitV = h.v;
     if (e.meshlet) {
       cell = h.primID - e.firstTriangle;
+    } else if (e.strip) {
+      // The triangle of the meshlet, and where in it.
+      const float x = h.u * float(e.cellsU), y = h.v * float(e.cellsV);
+      const int cu = std::clamp(int(x), 0, e.cellsU - 1), cv = std::clamp(int(y), 0, e.cellsV - 1);
+      hitU = std::clamp(x - float(cu), 0.0f, 1.0f), hitV = std::clamp(y - float(cv), 0.0f, 1.0f);
+      const bool second = hitU + hitV > 1;
+      if (second) hitU = 1 - hitU, hitV = 1 - hitV;
+      cell = e.firstTriangle + 2 * (uint32_t(cv) * e.cellsU + uint32_t(cu)) + second;
     } else {
       const int cu = std::clamp(int(h.u * float(e.cellsU)), 0, e.cellsU - 1);
       const int cv = std::clamp(int(h.v * float(e.cellsV)), 0, e.cellsV - 1);
@@ -94,8 +102,9 @@ struct HitFilter {
     best.distance = t;
     best.entry = entryIndex;
     best.cell = cell;
-    best.u = e.meshlet ? h.u : e.u0 + e.uScale * h.u;
-    best.v = e.meshlet ? h.v : e.v0 + e.vScale * h.v;
+    const bool asIs = e.meshlet || e.strip;
+    best.u = asIs ? hitU : e.u0 + e.uScale * h.u;
+    best.v = asIs ? hitV : e.v0 + e.vScale * h.v;
     best.normal = normal;
     return true;
   }

@@ -52,6 +52,8 @@ struct SurfaceEntry {
   uint8_t oneSided, meshlet, level, moving;
   cache::CastsShadows castsShadows;
   uint8_t opaqueCaster;  // stops shadow rays without being asked
+  uint8_t strip;         // a piece of a curve's ribbon: a grid of cells of two triangles, the first of which
+                         // is the meshlet's firstTriangle
   uint8_t trimmed;       // parts are cut away: SceneCache::trimOf()
 };
 

@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "base/isa.h"
+#include "scene_cache/primitive_source.h"
 #include "tracer/ray_scene_embree.h"
 
 namespace fr::tracer {
@@ -149,7 +150,40 @@ class RaySceneBuilder {
         if (child < cache_.nodeCount()) prepareNode(child, object, facts, out, depth + 1);
     } else if (r.state == NodeState::kGrid && r.grid) {
       Prepared p;
-      if (prepareGrid(id, object, facts, *r.grid, p)) out.push_back(p);
+      if (!prepareGrid(id, object, facts, *r.grid, p)) return;
+      if (p.entry.meshlet && cache_.skeleton().objects()[object].type == PrimitiveType::kCurves) {
+        addStrips(p, out);
+      } else {
+        out.push_back(p);
+      }
+    }
+  }
+
+  /// The ribbons of a cluster of curves as grids: an eighth of the memory of their triangles.
+  void addStrips(const Prepared& meshlet, std::vector<Prepared>& out) const {
+    const Skeleton& s = cache_.skeleton();
+    const auto* source = sourceRecord<CurvesSource>(s, s.objects()[meshlet.entry.object]);
+    if (!source) return;
+    const auto clusters = sourceArray<CurveCluster>(s, source->clusters);
+    const auto all = sourceArray<CurvePiece>(s, source->pieces);
+    const uint32_t face = cache_.rootOf(meshlet.entry.node).face;
+    if (face >= clusters.size()) return;
+    const CurveCluster& cluster = clusters[face];
+    if (cluster.firstPiece > all.size() || cluster.pieceCount > all.size() - cluster.firstPiece) return;
+    const uint32_t vertices = meshlet.entry.cellsU, triangles = meshlet.entry.cellsV;
+    for (const CurvePiece& piece : all.subspan(cluster.firstPiece, cluster.pieceCount)) {
+      if (piece.columns == 0 || piece.rows == 0 ||
+          piece.firstVertex + (piece.columns + 1u) * (piece.rows + 1u) > vertices ||
+          piece.firstTriangle + 2u * piece.columns * piece.rows > triangles)
+        continue;
+      Prepared p = meshlet;
+      p.key.meshlet = false;
+      p.startVertex += piece.firstVertex;
+      p.rowStride = piece.columns + 1u;
+      p.entry.meshlet = 0, p.entry.strip = 1;
+      p.entry.cellsU = piece.columns, p.entry.cellsV = piece.rows;
+      p.entry.firstTriangle = piece.firstTriangle;
+      out.push_back(p);
     }
   }
 
@@ -265,6 +299,7 @@ class RaySceneBuilder {
       raw = glm::cross(at(base + k * p.rowStride + k) - at(base), at(base + k * p.rowStride) - at(base + k));
       u = e.u0 + e.uScale * (float(cu) + 0.5f) / float(e.cellsU);
       v = e.v0 + e.vScale * (float(cv) + 0.5f) / float(e.cellsV);
+      if (e.strip) cell = e.firstTriangle + uint32_t(2 * (cv * e.cellsU + cu)), u = v = 0.5f;
     }
     const float length = glm::length(raw);
     if (!(length > 0) || !std::isfinite(length)) return 0;

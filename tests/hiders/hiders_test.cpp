@@ -56,6 +56,43 @@ const std::string kWave =
     "Patch \"bicubic\" \"P\" [-1.5 -1.5 0 -0.5 -1.5 1 0.5 -1.5 -1 1.5 -1.5 0  -1.5 -0.5 1 -0.5 -0.5 2 0.5 "
     "-0.5 -2 1.5 -0.5 0  -1.5 0.5 0 -0.5 0.5 -1 0.5 0.5 1 1.5 0.5 0  -1.5 1.5 0 -0.5 1.5 0 0.5 1.5 0 1.5 1.5 "
     "1]\n";
+/// A cubic sheet of six spans, 2.4 wide.
+const std::string kNurbs = [] {
+  std::string p;
+  for (int j = 0; j < 5; ++j)
+    for (int i = 0; i < 6; ++i)
+      p += fmt::format("{} {} {:.5f} ", -1.2 + 0.48 * i, -1.2 + 0.6 * j, 0.4 * std::sin(2.0 * i + j));
+  return "NuPatch 6 4 [0 0 0 0 1 3 4 4 4 4] 0 4 5 4 [0 0 0 0 1 2 2 2 2] 0 2 \"P\" [" + p + "]\n";
+}();
+/// A diamond and a round loop within it.
+const std::string kTrim =
+    "TrimCurve [1 1] [2 4] [0 0 1 2 3 4 4  0 1 2 3 4 5 6 7 8 9 10] [0 3] [4 7] [5 7] "
+    "[0.3 2 3.7 2 0.3  1.5 2.5 2.5 1.5 1.5 2.5 2.5] [1 0.1 1 1.9 1  0.7 0.7 1.4 1.4 0.7 0.7 1.4] [1 1 1 1 1 "
+    "1 1 1 "
+    "1 1 1 1]\n";
+
+double pseudoRandom(int i, int k) {
+  const double x = std::sin(i * 12.9898 + k * 78.233) * 43758.5453;
+  return x - std::floor(x);
+}
+std::string manyPoints(int n) {
+  std::string p, w;
+  for (int i = 0; i < n; ++i) {
+    for (int k = 0; k < 3; ++k) p += fmt::format("{:.5f} ", 3 * pseudoRandom(i, k) - 1.5);
+    w += fmt::format("{:.5f} ", 0.005 + 0.1 * std::pow(pseudoRandom(i, 3), 4));
+  }
+  return "Points \"P\" [" + p + "] \"width\" [" + w + "]\n";
+}
+std::string manyCurves(int n) {
+  std::string counts, p;
+  for (int i = 0; i < n; ++i) {
+    counts += "4 ";
+    const double x = 3 * pseudoRandom(i, 5) - 1.5, z = pseudoRandom(i, 6);
+    for (int k = 0; k < 4; ++k)
+      p += fmt::format("{:.5f} {:.5f} {:.5f} ", x + 0.4 * (pseudoRandom(i, 7 + k) - 0.5), -1.3 + 0.7 * k, z);
+  }
+  return "Curves \"cubic\" [" + counts + "] \"nonperiodic\" \"P\" [" + p + "] \"constantwidth\" [0.02]\n";
+}
 const std::map<std::string, std::string> kBumps = {
     {"bumps",
      "displacement bumps() { normal n = normalize(N); P += 0.1 * sin(20 * u) * sin(20 * v) * n;"
@@ -90,6 +127,29 @@ const std::vector<Scene> kScenes = {
      "360\n" +
          kCube},
     {"NearAndFarPlanes", "Clipping 4.3 5.2\n" + kPerspective, "Rotate 20 1 1 0 Sphere 1 -1 1 360\n" + kCube},
+    {"Nurbs", kPerspective, "Rotate 30 1 0.5 0\n" + kNurbs},
+    {"TrimmedNurbs", kPerspective, "Rotate 20 1 0.5 0\n" + kTrim + kNurbs, {}, 0.01},
+    {"TrimmedTransparentNurbs",
+     kPerspective,
+     "Opacity [0.5 0.5 0.5] Rotate 20 1 0.5 0\nAttribute \"trimcurve\" \"sense\" \"outside\"\n" + kTrim +
+         kNurbs + "Translate 0 0 0.4\n" + kNurbs,
+     {},
+     0.01},
+    {"Blobby",
+     kPerspective,
+     "Blobby 3 [1001 0 1001 16 1002 32 0 2 0 1 4 2 3] [1 0 0 0 0 1 0 0 0 0 1 0 -0.5 0 0 1  1 0 0 0 0 1 0 0 0 "
+     "0 1 0 0.5 "
+     "0.2 0 1  -1 0 -0.5 1 0 -0.6 0.4 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1] [\"\"] \"varying color Cs\" [1 0 0 0 "
+     "1 0 0 0 1]\n",
+     {},
+     0.012},
+    {"Points", kPerspective, manyPoints(3000), {}, 0.01},
+    {"Curves", kPerspective, manyCurves(400), {}, 0.01},
+    {"OneSidedThin",
+     kPerspective + "Scale -1 1 1\n",
+     "Sides 1\n" + manyPoints(300) + manyCurves(100),
+     {},
+     0.01},
     {"OneSided", kPerspective,
      "Sides 1 Sphere 1 -1 0.3 300\nRotate 70 1 0 0 ReverseOrientation Sphere 1.2 -0.2 0.3 300\n"
      "Scale -1 1 1 Torus 1 0.2 0 360 200\n"},
