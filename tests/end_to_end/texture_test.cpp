@@ -252,6 +252,46 @@ TEST(Textures, MissingOnesAreOneErrorAndTheFrameIsFinished) {
   EXPECT_GT(p.at("R", 48, 36), 0.5) << "a missing texture is white";
 }
 
+TEST(Textures, SearchPaths) {
+  const Workspace w;
+  for (const char* folder : {"scene", "option", "variable", "before"})
+    std::filesystem::create_directory(w.path() / folder);
+  w.write("grey.rib",
+          "Display \"grey.tif\" \"file\" \"rgb\"\nFormat 8 8 1\nWorldBegin\nSurface \"constant\"\nColor [.5 "
+          ".5 .5]\n"
+          "Polygon \"P\" [-9 -9 1 -9 9 1 9 9 1 9 -9 1]\nWorldEnd\n");
+  ASSERT_EQ(run("frankenrender", {"grey.rib"}, w.path()).exitCode, 0);
+  const auto copy = [&](const std::string& to) {
+    std::filesystem::copy_file(w.path() / "grey.tif", w.path() / to);
+  };
+  copy("scene/beside.tif"), copy("option/option.tif"), copy("variable/variable.tif"),
+      copy("before/before.tif");
+  const std::string absolute = (w.path() / "grey.tif").string();
+  std::string world;
+  int column = 0;
+  for (const std::string& name : {std::string("beside.tif"), std::string("option.tif"),
+                                  std::string("variable.tif"), std::string("before.tif"), absolute}) {
+    const std::string x0 = std::to_string(-1 + 0.4 * column), x1 = std::to_string(-0.6 + 0.4 * column);
+    ++column;
+    world += "Surface \"paintedplastic\" \"Ka\" [1] \"Kd\" [0] \"Ks\" [0] \"string texturename\" [\"" + name +
+             "\"]\nPatch \"bilinear\" \"P\" [" + x0 + " 1 1 " + x1 + " 1 1 " + x0 + " -1 1 " + x1 +
+             " -1 1]\n";
+  }
+  w.write("scene/scene.rib",
+          "Option \"searchpath\" \"string texture\" [\"" + (w.path() / "before").string() +
+              "\"]\nOption \"searchpath\" \"string texture\" [\"" + (w.path() / "option").string() +
+              ":&:@\"]\n" +
+              "Display \"out.exr\" \"openexr\" \"rgb\"\nFormat 50 50 1\nPixelFilter \"box\" 1 1\nWorldBegin\n"
+              "LightSource \"ambientlight\" 1\n" +
+              world + "WorldEnd\n");
+  const Outcome o = run("frankenrender", {"scene/scene.rib"}, w.path(), {},
+                        {{"TEXTURES", (w.path() / "variable").string()}});
+  EXPECT_EQ(o.exitCode, 0) << o.err;
+  EXPECT_EQ(o.err, "");
+  const Picture p = readExr(w.path() / "out.exr");
+  for (const int x : {5, 15, 25, 35, 45}) EXPECT_NEAR(p.at("R", x, 25), 0.5, 0.01) << x;
+}
+
 TEST(Textures, MkmipTeaches) {
   const Workspace w;
   const Outcome help = run("mkmip", {"--help"}, w.path());
