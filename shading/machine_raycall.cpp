@@ -20,8 +20,8 @@ constexpr float kMostSamples = 4096.0f;
 template <size_t N>
 void copyText(char (&to)[N], std::string_view from) {
   const size_t n = std::min(from.size(), N - 1);
-  std::memcpy(to, from.data(), n);
-  std::memset(to + n, 0, N - n);
+  std::copy_n(from.data(), n, to);
+  std::fill(to + n, to + N, '\0');
 }
 
 bool isEnvironment(Op op) {

@@ -174,7 +174,8 @@ ChannelServer::ChannelServer(ChannelHandler& handler, Options options, std::shar
 
 ChannelServer::~ChannelServer() {
   board_->serverState().store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
-  for (const auto& ch : *channels()) {
+  const auto all = channels();  // kept alive while it is walked
+  for (const auto& ch : *all) {
     // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
     ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
     ch->memory.control().clientBell.ring(INT_MAX);
@@ -218,7 +219,8 @@ void ChannelServer::detach(uint64_t channelId) {
 }
 
 void ChannelServer::remove(uint64_t channelId) {
-  for (const auto& ch : *channels()) {
+  const auto all = channels();  // kept alive while it is walked
+  for (const auto& ch : *all) {
     if (ch->id != channelId || ch->ended.exchange(true, std::memory_order_seq_cst)) continue;
     // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
     ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);

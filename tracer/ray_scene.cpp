@@ -55,7 +55,19 @@ struct HitFilter {
   }
 
   bool accept(float t, const RTCHit& h) {
-    const uint32_t entryIndex = scene->entryOfPrimitive_[h.geomID][h.primID];
+    uint32_t entryIndex = scene->entryOfPrimitive_[h.geomID][h.primID];
+    float gridU = h.u, gridV = h.v;
+    if (entryIndex & RayScene::kStitch) {
+      const StitchTriangle& s = scene->stitches_[entryIndex & ~RayScene::kStitch];
+      entryIndex = s.grid;
+      const SurfaceEntry& e = scene->entries_[entryIndex];
+      const float w = 1 - h.u - h.v;
+      gridU = (w * s.i[0] + h.u * s.i[1] + h.v * s.i[2]) / float(e.cellsU << e.level);
+      gridV = (w * s.j[0] + h.u * s.j[1] + h.v * s.j[2]) / float(e.cellsV << e.level);
+    } else if (const SurfaceEntry& e = scene->entries_[entryIndex]; e.stitched) {
+      gridU = (e.inner[0] + h.u * float(e.inner[1] - e.inner[0])) / float(e.cellsU);
+      gridV = (e.inner[2] + h.v * float(e.inner[3] - e.inner[2])) / float(e.cellsV);
+    }
     const SurfaceEntry& e = scene->entries_[entryIndex];
     const Vec3 raw(h.Ng_x, h.Ng_y, h.Ng_z);
     const float length = glm::length(raw);
@@ -66,7 +78,7 @@ struct HitFilter {
     if (cosine * float(ray->side) > 0) return false;
     if (ray->seen && !ray->seen[e.attributes]) return false;
 
-    if (e.trimmed && scene->cache_->trimOf(e.node).removed(e.u0 + e.uScale * h.u, e.v0 + e.vScale * h.v))
+    if (e.trimmed && scene->cache_->trimOf(e.node).removed(e.u0 + e.uScale * gridU, e.v0 + e.vScale * gridV))
       return false;
 
     const float rounding = kRounding * std::max(largestCoordinate(ray->origin),
@@ -74,20 +86,20 @@ struct HitFilter {
     if (isDepartingSurface(e, t, cosine, rounding) || isArrivalSurface(e, t, cosine, rounding)) return false;
 
     uint32_t cell;
-    float hitU = h.u, hitV = h.v;
+    float hitU = gridU, hitV = gridV;
     if (e.meshlet) {
       cell = h.primID - e.firstTriangle;
     } else if (e.strip) {
       // The triangle of the meshlet, and where in it.
-      const float x = h.u * float(e.cellsU), y = h.v * float(e.cellsV);
+      const float x = gridU * float(e.cellsU), y = gridV * float(e.cellsV);
       const int cu = std::clamp(int(x), 0, e.cellsU - 1), cv = std::clamp(int(y), 0, e.cellsV - 1);
       hitU = std::clamp(x - float(cu), 0.0f, 1.0f), hitV = std::clamp(y - float(cv), 0.0f, 1.0f);
       const bool second = hitU + hitV > 1;
       if (second) hitU = 1 - hitU, hitV = 1 - hitV;
       cell = e.firstTriangle + 2 * (uint32_t(cv) * e.cellsU + uint32_t(cu)) + second;
     } else {
-      const int cu = std::clamp(int(h.u * float(e.cellsU)), 0, e.cellsU - 1);
-      const int cv = std::clamp(int(h.v * float(e.cellsV)), 0, e.cellsV - 1);
+      const int cu = std::clamp(int(gridU * float(e.cellsU)), 0, e.cellsU - 1);
+      const int cv = std::clamp(int(gridV * float(e.cellsV)), 0, e.cellsV - 1);
       cell = uint32_t(cv) * e.cellsU + uint32_t(cu);
     }
     if (ray->passedEntry != cache::kNone && wasPassed(e, entryIndex, cell, t, cosine, rounding)) return false;
@@ -103,8 +115,8 @@ struct HitFilter {
     best.entry = entryIndex;
     best.cell = cell;
     const bool asIs = e.meshlet || e.strip;
-    best.u = asIs ? hitU : e.u0 + e.uScale * h.u;
-    best.v = asIs ? hitV : e.v0 + e.vScale * h.v;
+    best.u = asIs ? hitU : e.u0 + e.uScale * gridU;
+    best.v = asIs ? hitV : e.v0 + e.vScale * gridV;
     best.normal = normal;
     return true;
   }
@@ -227,6 +239,7 @@ RaySceneStatistics RayScene::statistics() const {
   s.recordBytes = entries_.size() * sizeof(SurfaceEntry) + entryOfNode_.size() * sizeof(uint32_t);
   for (const auto& p : entryOfPrimitive_) s.recordBytes += p.size() * sizeof(uint32_t);
   for (const auto& b : embree_->descriptors) s.recordBytes += b.size() * sizeof(uint32_t);
+  s.recordBytes += stitches_.size() * sizeof(StitchTriangle);
   return s;
 }
 

@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "scene_cache/cache.h"
+#include "tracer/border_stitch.h"
 
 namespace fr::tracer {
 
@@ -46,16 +47,23 @@ struct SurfaceEntry {
   float cellSize;                // longest cell diagonal at the traced stride
   float deviation;               // between the traced surface and the true one
   float shadedDeviation;         // between the surface as shaded (stride 1) and the true one
-  uint32_t firstTriangle;        // meshlets: primitive id of triangle 0
-  uint16_t cellsU, cellsV;       // at the traced stride; meshlets: vertices, triangles
-  float orientation;             // +1, or -1 when the oriented normal points against dPdu x dPdv
-  uint8_t oneSided, meshlet, level, moving;
+  union {
+    uint32_t firstTriangle;  // meshlets: primitive id of triangle 0; strips: triangle of the meshlet
+    uint8_t inner[4];        // stitched grids: the cells that Embree sees as a grid (BorderedGrid::inner)
+  };
+  uint16_t cellsU, cellsV;  // at the traced stride; meshlets: vertices, triangles
+  float orientation;        // +1, or -1 when the oriented normal points against dPdu x dPdv
+  uint8_t level;
   cache::CastsShadows castsShadows;
-  uint8_t opaqueCaster;  // stops shadow rays without being asked
-  uint8_t strip;         // a piece of a curve's ribbon: a grid of cells of two triangles, the first of which
-                         // is the meshlet's firstTriangle
-  uint8_t trimmed;       // parts are cut away: SceneCache::trimOf()
+  uint8_t oneSided : 1;
+  uint8_t meshlet : 1;
+  uint8_t moving : 1;
+  uint8_t opaqueCaster : 1;  // stops shadow rays without being asked
+  uint8_t strip : 1;         // a piece of a curve's ribbon: a grid of cells of two triangles of a meshlet
+  uint8_t trimmed : 1;       // parts are cut away: SceneCache::trimOf()
+  uint8_t stitched : 1;      // the outer cells are triangles
 };
+static_assert(sizeof(SurfaceEntry) <= 64);
 
 /// Where a ray leaves, enough to know the leaving surface again without a tuned distance.
 struct Departure {
@@ -102,6 +110,7 @@ enum class Obstacle { kNone, kFiltered, kOpaque };
 
 struct RaySceneStatistics {
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
+  uint64_t stitchTriangles = 0;               // of grids whose borders no neighbour shows
   uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
   uint64_t peakBytes = 0;
   double resolveSeconds = 0, buildSeconds = 0;
@@ -148,10 +157,13 @@ class RayScene {
   RayScene();
 
   struct Embree;
+  /// In entryOfPrimitive_: the rest is an index into stitches_.
+  static constexpr uint32_t kStitch = 0x80000000u;
 
   std::unique_ptr<Embree> embree_;
   std::vector<SurfaceEntry> entries_;                    // in the order of (object, patch)
   std::vector<std::vector<uint32_t>> entryOfPrimitive_;  // by Embree geometry id, then primitive id
+  std::vector<StitchTriangle> stitches_;                 // StitchTriangle::grid is the entry
   std::vector<uint32_t> entryOfNode_;
   std::vector<uint32_t> groupOfObject_;
   const cache::SceneCache* cache_ = nullptr;

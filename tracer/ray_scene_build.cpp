@@ -13,6 +13,7 @@
 
 #include "base/isa.h"
 #include "scene_cache/primitive_source.h"
+#include "tracer/border_stitch.h"
 #include "tracer/ray_scene_embree.h"
 
 namespace fr::tracer {
@@ -367,9 +368,11 @@ class RaySceneBuilder {
     s.entryOfNode_.assign(prepared_.empty() ? 0 : size_t(lastNode) + 1, kNone);
     for (uint32_t i = 0; i < prepared_.size(); ++i) s.entryOfNode_[prepared_[i].entry.node] = i;
 
-    em.descriptors.reserve(classes.size());
+    const auto stitches = closeBorders();
+    em.descriptors.reserve(classes.size() + stitches.size());
     for (const auto& [key, members] : classes) attach(key, members);
-    s.statistics_.geometries = classes.size();
+    for (const auto& [key, triangles] : stitches) attachStitches(key, triangles);
+    s.statistics_.geometries = s.entryOfPrimitive_.size();
     s.entries_.reserve(prepared_.size());
     for (const Prepared& p : prepared_) s.entries_.push_back(p.entry);
     prepared_ = {};
@@ -385,7 +388,6 @@ class RaySceneBuilder {
     RayScene::Embree& em = *s.embree_;
     std::vector<uint32_t>& buffer = em.descriptors.emplace_back();
     std::vector<uint32_t>& entryOf = s.entryOfPrimitive_.emplace_back();
-    const uint64_t step = uint64_t(12) << key.level;
     uint64_t vertexEnd = 0;
     size_t primitives = 0;
     for (uint32_t m : members) {
@@ -408,27 +410,85 @@ class RaySceneBuilder {
         s.statistics_.meshlets += 1;
         s.statistics_.triangles += e.cellsV;
       } else {
-        const RTCGrid grid{p.startVertex, p.rowStride, uint16_t(e.cellsU + 1), uint16_t(e.cellsV + 1)};
+        uint32_t first = p.startVertex, cellsU = e.cellsU, cellsV = e.cellsV;
+        if (e.stitched) {
+          first += e.inner[2] * p.rowStride + e.inner[0];
+          cellsU = e.inner[1] - e.inner[0], cellsV = e.inner[3] - e.inner[2];
+          if (cellsU == 0) continue;
+        }
+        const RTCGrid grid{first, p.rowStride, uint16_t(cellsU + 1), uint16_t(cellsV + 1)};
         const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
         buffer.insert(buffer.end(), words.begin(), words.end());
         entryOf.push_back(m);
         ++primitives;
-        vertexEnd =
-            std::max<uint64_t>(vertexEnd, p.startVertex + uint64_t(e.cellsV) * p.rowStride + e.cellsU + 1u);
+        vertexEnd = std::max<uint64_t>(vertexEnd, first + uint64_t(cellsV) * p.rowStride + cellsU + 1u);
         s.statistics_.grids += 1;
-        s.statistics_.quads += uint64_t(e.cellsU) * e.cellsV;
+        s.statistics_.quads += uint64_t(cellsU) * cellsV;
       }
     }
+    addGeometry(key, key.meshlet ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID, vertexEnd,
+                primitives);
+  }
+
+  /// Refines borders that no neighbour shows, by the class that the triangles share vertices with.
+  std::map<ClassKey, std::vector<StitchTriangle>> closeBorders() {
+    std::vector<BorderedGrid> grids(prepared_.size());
+    for (size_t i = 0; i < grids.size(); ++i) {
+      const Prepared& p = prepared_[i];
+      if (p.entry.meshlet || p.entry.strip) continue;
+      BorderedGrid& g = grids[i];
+      g.vertices = vertex(p, 0);
+      g.rowStride = p.rowStride;
+      g.cellsU = uint8_t(p.entry.cellsU), g.cellsV = uint8_t(p.entry.cellsV);
+      g.level = uint8_t(p.key.level);
+      g.kind = p.key.mask | p.key.keys << 8;
+    }
+    std::map<ClassKey, std::vector<StitchTriangle>> stitches;
+    for (const StitchTriangle& t : stitchBorders(grids)) {
+      Prepared& p = prepared_[t.grid];
+      p.entry.stitched = 1;
+      std::copy_n(grids[t.grid].inner, 4, p.entry.inner);
+      stitches[p.key].push_back(t);
+    }
+    return stitches;
+  }
+
+  void attachStitches(const ClassKey& key, const std::vector<StitchTriangle>& triangles) {
+    RayScene& s = *scene_;
+    std::vector<uint32_t>& buffer = s.embree_->descriptors.emplace_back();
+    std::vector<uint32_t>& entryOf = s.entryOfPrimitive_.emplace_back();
+    uint32_t vertexEnd = 0;
+    for (const StitchTriangle& t : triangles) {
+      const Prepared& p = prepared_[t.grid];
+      for (int c = 0; c < 3; ++c) {
+        const uint32_t at = (p.startVertex << key.level) + t.j[c] * p.rowStride + t.i[c];
+        buffer.push_back(at);
+        vertexEnd = std::max(vertexEnd, at + 1);
+      }
+      entryOf.push_back(RayScene::kStitch | uint32_t(s.stitches_.size()));
+      s.stitches_.push_back(t);
+    }
+    s.statistics_.stitchTriangles += triangles.size();
+    ClassKey fine = key;
+    fine.level = 0;
+    addGeometry(fine, RTC_GEOMETRY_TYPE_TRIANGLE, vertexEnd, triangles.size());
+  }
+
+  /// Hands the newest buffer of descriptors to Embree, over the vertices of a class.
+  void addGeometry(const ClassKey& key, RTCGeometryType type, uint64_t vertexEnd, size_t primitives) {
+    RayScene& s = *scene_;
+    RayScene::Embree& em = *s.embree_;
+    std::vector<uint32_t>& buffer = em.descriptors.back();
+    const uint64_t step = uint64_t(12) << key.level;
     buffer.resize(buffer.size() + 4);  // Embree may load past the last element
 
-    RTCGeometry g =
-        rtcNewGeometry(em.device, key.meshlet ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID);
+    RTCGeometry g = rtcNewGeometry(em.device, type);
     rtcSetGeometryTimeStepCount(g, key.keys);
     for (uint32_t k = 0; k < key.keys; ++k)
       rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3,
                                  cache_.arena().data() + key.window * kWindow + k * key.keyBytes, 0, step,
                                  vertexEnd);
-    if (key.meshlet)
+    if (type == RTC_GEOMETRY_TYPE_TRIANGLE)
       rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, buffer.data(), 0, 12,
                                  primitives);
     else

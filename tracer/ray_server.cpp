@@ -172,6 +172,7 @@ class RayServer::Impl {
     if (control_.joinable()) control_.join();  // until the end
     // The pipe client's last questions are answered before the channels end.
     if (pipeThread_.joinable()) pipeThread_.join();
+    pipe_.reset();  // it counts into the tracer, which ends after this
     channels_->stop();
     for (std::thread& t : threads_) t.join();
     threads_.clear();

@@ -44,7 +44,7 @@ const std::string kScene =
 class Server {
  public:
   explicit Server(const char* what, const std::string& scene = kScene,
-                  const std::vector<std::string>& more = {"-threads", "2", "-patch_multiplier", "1"}) {
+                  const std::vector<std::string>& more = {"-threads", "2"}) {
     static std::atomic<int> number{0};
     name = fmt::format("test-{}-{}-{}", what, ::getpid(), ++number);
     w.write("scene.rib", scene);
@@ -155,7 +155,7 @@ TEST(RayServer, JoinedClientsGetAnswersInWorldSpaceFarFromTheOrigin) {
   ASSERT_TRUE(client);
   EXPECT_EQ(client->transport(), RayTransport::kShm);
   EXPECT_EQ(client->processId(), server.process->pid());
-  EXPECT_EQ(client->scene().patchMultiplier, 1.0f);
+  EXPECT_EQ(client->scene().patchMultiplier, 0.5f);
   auto line = client->connect();
   ASSERT_TRUE(line) << line.error().str();
   EXPECT_EQ(askAll(**line, client->worldSpace(), 1, 8), 0);
@@ -226,9 +226,8 @@ TEST(RayServer, SixtyFourClientsAtOnceGetTheirOwnAnswers) {
 TEST(RayServer, EveryTransportGivesTheSameBits) {
   Workspace w;
   w.write("scene.rib", kScene);
-  const std::vector<std::string> command{
-      rendrib(), "-rayserver",        "-silent", "-threads",
-      "2",       "-patch_multiplier", "1",       (w.path() / "scene.rib").string()};
+  const std::vector<std::string> command{rendrib(),  "-rayserver", "-silent",
+                                         "-threads", "2",          (w.path() / "scene.rib").string()};
   std::vector<std::vector<std::byte>> answers;
   for (const bool pipe : {false, true}) {
     RayClientOptions o;
@@ -272,9 +271,8 @@ TEST(RayServer, ManyThreadsShareOnePipe) {
   w.write("scene.rib", kScene);
   RayClientOptions o;
   o.pipe = true;
-  auto client = RayClient::start(Words{rendrib(), "-rayserver", "-silent", "-threads", "2",
-                                       "-patch_multiplier", "1", (w.path() / "scene.rib").string()},
-                                 o);
+  auto client = RayClient::start(
+      Words{rendrib(), "-rayserver", "-silent", "-threads", "2", (w.path() / "scene.rib").string()}, o);
   ASSERT_TRUE(client) << client.error().str();
   std::atomic<int> good{0};
   std::vector<std::thread> threads;
