@@ -51,6 +51,8 @@ class Lexer {
   /// The current token. Its text is valid until the next call of advance() or of a read function.
   TokenKind kind() const { return kind_; }
   const std::string& text() const { return text_; }
+  /// Puts another text in place of the current token's.
+  void replaceText(std::string text) { text_ = std::move(text); }
   int integer() const { return integer_; }
   double number() const { return number_; }
   std::vector<float>& floatArray() { return floatArray_; }

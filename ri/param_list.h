@@ -10,6 +10,13 @@
 
 namespace fr::ri {
 
+/// How a parameter's token was written.
+enum class TokenForm : uint8_t {
+  kInline,      ///< "uniform float Ks", or made by a program
+  kBare,        ///< "Ks": the declaration is that of Declare or a built-in one
+  kUndeclared,  ///< "Ks", and nobody declared it: the declaration is a guess from the value
+};
+
 /// One parameter. Exactly one of the three arrays is in use: strings for kString, ints for kInteger,
 /// floats for all other types.
 struct Param {
@@ -18,12 +25,17 @@ struct Param {
   std::vector<float> floats;
   std::vector<int> ints;
   std::vector<std::string> strings;
+  TokenForm form = TokenForm::kInline;
 
   /// Numbers or strings held.
   size_t elementCount() const;
   /// Whole values held: elementCount / declaration.width(), rounded down.
   size_t valueCount() const { return elementCount() / declaration.width(); }
-  bool operator==(const Param&) const = default;
+  /// Equal values; how the token was written does not matter.
+  bool operator==(const Param& o) const {
+    return name == o.name && declaration == o.declaration && floats == o.floats && ints == o.ints &&
+           strings == o.strings;
+  }
 };
 
 /// Parameters in the order given; names are unique (a repeated name replaces the earlier value).

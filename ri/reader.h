@@ -23,8 +23,18 @@ struct ReaderOptions {
   bool evaluateConditions = true;
   /// Pass "#" comments to archiveRecord too.
   bool keepComments = false;
+  /// RIB to RIB: conditions, error handlers, requests and parameters that nobody knows are passed to the
+  /// renderer instead of being obeyed or dropped.
+  bool passThrough = false;
   /// Archives within archives; beyond it kLimit.
   int maxArchiveDepth = 64;
+
+  /// Everything is passed on as it stands: for programs that turn RIB into RIB.
+  static ReaderOptions rewriting() {
+    ReaderOptions o;
+    o.expandArchives = false, o.evaluateConditions = false, o.keepComments = true, o.passThrough = true;
+    return o;
+  }
 };
 
 /// A text recorded by ArchiveBegin ... ArchiveEnd.
@@ -56,6 +66,8 @@ class Reader {
   Result<void> readArchive(const std::string& name);
 
   const ReaderOptions& options() const { return options_; }
+  /// Option "ribparse" "varsubst": the characters that begin a variable in strings; "" for none.
+  void setSubstitution(std::string marks) { substitution_ = std::move(marks); }
 
  private:
   friend class RequestParser;
@@ -68,6 +80,7 @@ class Reader {
   std::vector<std::string> open_;  // canonical names of what is being read, outermost first
   std::set<std::string, std::less<>> warned_;
   int complaints_ = 0;
+  std::string substitution_;
 };
 
 }  // namespace fr::ri

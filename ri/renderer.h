@@ -240,6 +240,13 @@ class Renderer {
   /// Comments: "##" structure hints always, plain ones only when the reader was asked to pass them.
   /// `text` is without the leading "#" signs.
   virtual void archiveRecord(RecordKind kind, std::string text) = 0;
+  /// Version of the RIB that is being read.
+  virtual void version(double number) { (void)number; }
+  /// "IfBegin", "ElseIf", "Else", "IfEnd" with the condition of the first two; only when the reader passes
+  /// everything through.
+  virtual void conditional(std::string_view request, std::string condition) {
+    (void)request, (void)condition;
+  }
 
  protected:
   /// Reports at the current request's place.

@@ -2,8 +2,10 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>
 
 #include "ri/condition.h"
+#include "ri/rib_text.h"
 
 namespace fr::ri {
 namespace {
@@ -97,9 +99,84 @@ void RequestParser::next() {
     } else if (lexer_.kind() == TokenKind::kComment) {
       comments_.emplace_back(RecordKind::kComment, lexer_.text());
     } else {
+      if (lexer_.kind() == TokenKind::kString && !reader_.substitution_.empty()) substitute();
       return;
     }
   }
+}
+
+// Option "ribparse" "varsubst": $name and ${name} inside strings. Conditions look their variables up
+// themselves.
+void RequestParser::substitute() {
+  const std::string& text = lexer_.text();
+  if (text.find_first_of(reader_.substitution_) == std::string::npos || isConditional(name_) || skipping() ||
+      reader_.options_.passThrough)
+    return;
+  std::string out;
+  const auto isNameChar = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == ':';
+  };
+  for (size_t i = 0; i < text.size();) {
+    if (reader_.substitution_.find(text[i]) == std::string::npos) {
+      out += text[i++];
+      continue;
+    }
+    const bool braces = i + 1 < text.size() && text[i + 1] == '{';
+    const size_t first = i + (braces ? 2 : 1);
+    size_t last = first;
+    while (last < text.size() && (braces ? text[last] != '}' : isNameChar(text[last]))) ++last;
+    const size_t next = std::min(text.size(), last + (braces ? 1 : 0));
+    const std::string name = text.substr(first, last - first);
+    const Param* p = name.empty() ? nullptr : renderer_.variable(name);
+    if (p && !p->strings.empty()) {
+      out += p->strings[0];
+    } else if (p && !p->ints.empty()) {
+      out += fmt::format("{}", p->ints[0]);
+    } else if (p && !p->floats.empty()) {
+      out += fmt::format("{}", p->floats[0]);
+    } else if (const char* e = name.empty() ? nullptr : std::getenv(name.c_str())) {
+      out += e;
+    } else {
+      if (!name.empty())
+        warnOnce(RiError::kBadToken, fmt::format("variable \"{}\" is not set; left as it stands", name));
+      out.append(text, i, next - i);
+    }
+    i = next;
+  }
+  lexer_.replaceText(std::move(out));
+}
+
+void RequestParser::passVerbatim() {
+  std::string text = name_;
+  for (; lexer_.kind() != TokenKind::kRequest && lexer_.kind() != TokenKind::kEnd; next()) {
+    if (text.back() != '[' && lexer_.kind() != TokenKind::kArrayEnd) text += ' ';
+    switch (lexer_.kind()) {
+      case TokenKind::kInteger:
+      case TokenKind::kReal:
+        appendNumber(text, lexer_.number());
+        break;
+      case TokenKind::kString:
+        appendQuoted(text, lexer_.text());
+        break;
+      case TokenKind::kArrayBegin:
+        text += '[';
+        break;
+      case TokenKind::kArrayEnd:
+        text += ']';
+        break;
+      case TokenKind::kFloatArray:
+        text += '[';
+        for (const float f : lexer_.floatArray()) {
+          if (text.back() != '[') text += ' ';
+          appendNumber(text, f);
+        }
+        text += ']';
+        break;
+      default:
+        complain(Severity::kError, RiError::kSyntax, fmt::format("{}: {}", name_, describeToken()));
+    }
+  }
+  renderer_.archiveRecord(RecordKind::kVerbatim, std::move(text));
 }
 
 void RequestParser::flushComments() {
@@ -351,8 +428,10 @@ ParamList RequestParser::params(std::string_view context, bool primitive) {
     p.name = parsed->name;
     std::optional<Declaration> d =
         parsed->declaration ? parsed->declaration : renderer_.dictionary().find(p.name, context);
+    if (!parsed->declaration) p.form = TokenForm::kBare;
     if (!d) {
-      if (mayBeUndeclared(context)) {
+      p.form = TokenForm::kUndeclared;
+      if (mayBeUndeclared(context) || reader_.options_.passThrough) {
         if (undeclaredValue(p)) {
           list.set(std::move(p));
           continue;
@@ -401,6 +480,7 @@ bool RequestParser::condition(const std::string& text) {
 }
 
 void RequestParser::ifBegin(const std::string& text) {
+  if (reader_.options_.passThrough) renderer_.conditional("IfBegin", text);
   Branch b;
   b.enclosing = !skipping();
   b.active = b.enclosing && condition(text);
@@ -409,18 +489,21 @@ void RequestParser::ifBegin(const std::string& text) {
 }
 void RequestParser::elseIf(const std::string& text) {
   if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  if (reader_.options_.passThrough) renderer_.conditional("ElseIf", text);
   Branch& b = branches_.back();
   b.active = b.enclosing && (!b.taken || !reader_.options_.evaluateConditions) && condition(text);
   b.taken |= b.active;
 }
 void RequestParser::elseBranch() {
   if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  if (reader_.options_.passThrough) renderer_.conditional("Else", {});
   Branch& b = branches_.back();
   b.active = b.enclosing && (!b.taken || !reader_.options_.evaluateConditions);
   b.taken = true;
 }
 void RequestParser::ifEnd() {
   if (branches_.empty()) return fail(RiError::kNesting, "no IfBegin before it");
+  if (reader_.options_.passThrough) renderer_.conditional("IfEnd", {});
   branches_.pop_back();
 }
 
@@ -439,8 +522,10 @@ void RequestParser::request() {
   if (!handler) {
     if (reader_.warned_.size() < size_t(kMaxComplaints) && reader_.warned_.insert(name_).second) {
       complain(Severity::kWarning, RiError::kBadToken,
-               fmt::format("request \"{}\" is not known; skipped", name_.substr(0, 60)));
+               fmt::format("request \"{}\" is not known; {}", name_.substr(0, 60),
+                           reader_.options_.passThrough ? "passed on" : "skipped"));
     }
+    if (reader_.options_.passThrough) return passVerbatim();
     skipToRequest();
     return;
   }

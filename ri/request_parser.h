@@ -64,6 +64,9 @@ class RequestParser : public Locator {
   /// With the current token after the name of ArchiveBegin: records up to ArchiveEnd.
   void recordArchive(const std::string& name);
 
+  /// Passes the rest of the current request to the renderer as text (ReaderOptions::passThrough).
+  void passVerbatim();
+
   // Conditional RIB.
   void ifBegin(const std::string& condition);
   void elseIf(const std::string& condition);
@@ -86,6 +89,7 @@ class RequestParser : public Locator {
   bool value(Param& p);
   bool undeclaredValue(Param& p);
   void keepComment();
+  void substitute();
   void skipValue();
   void skipRestOfValue();
   void complain(Severity severity, RiError code, std::string message);

@@ -251,6 +251,7 @@ void declare(P& p) {
 void errorHandler(P& p) {
   std::string name = p.string();
   if (!p.ok()) return;
+  if (p.reader().options().passThrough) return p.renderer().errorHandler(std::move(name));
   if (name == "ignore") {
     setErrorMode(ErrorMode::kIgnore);
   } else if (name == "print") {
@@ -266,6 +267,16 @@ void errorHandler(P& p) {
 void version(P& p) {
   const double v = p.number();
   if (p.ok() && !(v >= 3 && v < 4)) p.warn(RiError::kVersion, fmt::format("version {} is read as 3.04", v));
+  if (p.ok()) p.renderer().version(v);
+}
+
+void option(P& p) {
+  std::string name = p.string();
+  ParamList params = p.params(name);
+  if (!p.ok()) return;
+  if (name == "ribparse" && params.has("varsubst"))
+    p.reader().setSubstitution(params.getString("varsubst", ""));
+  p.renderer().option(std::move(name), std::move(params));
 }
 
 void readArchive(P& p) {
@@ -326,6 +337,7 @@ void colorLike(P& p, void (Renderer::*call)(std::span<const float>)) {
 
 // Requests that other renderers know and that change nothing here.
 void ignored(P& p) {
+  if (p.reader().options().passThrough) return p.passVerbatim();
   p.warnOnce(RiError::kUnimplemented, "the request is ignored");
   while (p.lexer().kind() != TokenKind::kRequest && p.lexer().kind() != TokenKind::kEnd) p.lexer().advance();
 }
@@ -383,7 +395,7 @@ const Entry kRequests[] = {
     {"Hider", [](P& p) { std::string s = p.string(); ParamList l = p.params("Hider"); if (p.ok()) p.renderer().hider(std::move(s), std::move(l)); }},
     {"ColorSamples", [](P& p) { std::vector<float> a = p.floats(), b = p.floats(); if (p.ok()) p.renderer().colorSamples(std::move(a), std::move(b)); }},
     {"RelativeDetail", [](P& p) { const double v = p.number(); if (p.ok()) p.renderer().relativeDetail(v); }},
-    {"Option", [](P& p) { std::string s = p.string(); ParamList l = p.params(s); if (p.ok()) p.renderer().option(std::move(s), std::move(l)); }},
+    {"Option", option},
     // Attributes
     {"Color", [](P& p) { colorLike(p, &Renderer::color); }},
     {"Opacity", [](P& p) { colorLike(p, &Renderer::opacity); }},

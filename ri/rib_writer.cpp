@@ -2,121 +2,257 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <bit>
+#include <charconv>
 #include <cmath>
 #include <iterator>
+
+#include "ri/rib_text.h"
 
 namespace fr::ri {
 namespace {
 
 constexpr size_t kFlushAt = size_t(1) << 16;
+constexpr int kMostStringTokens = 1 << 16;
+constexpr size_t kMostStringsSeen = 1 << 17;
 
-template <class T>
-void appendNumber(std::string& to, T v) {
-  if (std::isnan(v)) {
-    to += "nan";
-  } else {
-    fmt::format_to(std::back_inserter(to), "{}", v);  // shortest text that reads back as the same number
-  }
+bool isFloat(double v) { return double(float(v)) == v || v != v; }
+bool isInteger(double v) {
+  return std::abs(v) <= 2147483647.0 && v == std::floor(v) && !(v == 0 && std::signbit(v));
 }
 
 }  // namespace
 
-RibWriter::RibWriter(std::function<void(std::string_view)> write) : write_(std::move(write)) {}
+void appendQuoted(std::string& to, std::string_view s) {
+  to += '"';
+  for (char c : s) {
+    switch (c) {
+      case '"':
+        to += "\\\"";
+        break;
+      case '\\':
+        to += "\\\\";
+        break;
+      case '\n':
+        to += "\\n";
+        break;
+      case '\r':
+        to += "\\r";
+        break;
+      case '\t':
+        to += "\\t";
+        break;
+      default:
+        if (static_cast<unsigned char>(c) < 32) {
+          fmt::format_to(std::back_inserter(to), "\\{:03o}", int(c));
+        } else {
+          to += c;
+        }
+    }
+  }
+  to += '"';
+}
+
+RibWriter::RibWriter(std::function<void(std::string_view)> write, RibWriterOptions options)
+    : write_(std::move(write)), options_(options) {}
 RibWriter::~RibWriter() { flush(); }
 
 void RibWriter::flush() {
   if (!text_.empty()) write_(text_);
   text_.clear();
+  lineBegin_ = 0;
 }
 
 RibWriter& RibWriter::put(std::string_view request) {
+  if (options_.binary) {
+    auto code = requestCodes_.find(request);
+    if (code == requestCodes_.end()) {
+      if (requestCodes_.size() == 256) {  // more than there are codes: as text
+        text_ += request;
+        text_ += ' ';
+        return *this;
+      }
+      code = requestCodes_.emplace(request, static_cast<unsigned char>(requestCodes_.size())).first;
+      definitions_ += '\314';
+      definitions_ += char(code->second);
+      define(request);
+    }
+    text_ += '\246';
+    text_ += char(code->second);
+    return *this;
+  }
+  const bool ends = request.ends_with("End") || request.starts_with("Else");
+  if (ends && depth_ > 0) --depth_;
+  if (options_.indent > 0) text_.append(size_t(std::min(depth_, 40)) * size_t(options_.indent), ' ');
+  if (request.ends_with("Begin") || request.starts_with("Else")) ++depth_;
   text_ += request;
   return *this;
 }
 void RibWriter::end() {
-  text_ += '\n';
+  if (options_.binary) {
+    if (!definitions_.empty()) {
+      text_.insert(lineBegin_, definitions_);
+      definitions_.clear();
+    }
+  } else {
+    text_ += '\n';
+  }
+  lineBegin_ = text_.size();
   if (text_.size() >= kFlushAt) flush();
 }
-void RibWriter::quoted(std::string_view s) {
-  text_ += '"';
-  for (char c : s) {
-    switch (c) {
-      case '"':
-        text_ += "\\\"";
-        break;
-      case '\\':
-        text_ += "\\\\";
-        break;
-      case '\n':
-        text_ += "\\n";
-        break;
-      case '\r':
-        text_ += "\\r";
-        break;
-      case '\t':
-        text_ += "\\t";
-        break;
-      default:
-        if (static_cast<unsigned char>(c) < 32) {
-          fmt::format_to(std::back_inserter(text_), "\\{:03o}", int(c));
-        } else {
-          text_ += c;
-        }
+
+// Between two words: a blank, or a new line where the line is full.
+void RibWriter::space() {
+  if (options_.binary) return;
+  if (options_.width == 0) {
+    text_ += ' ';
+    return;
+  }
+  const size_t last = text_.rfind('\n');
+  const size_t begin = last == std::string::npos || last < lineBegin_ ? lineBegin_ : last + 1;
+  if (text_.size() - begin < size_t(options_.width)) {
+    text_ += ' ';
+  } else {
+    text_ += '\n';
+    text_.append(size_t(std::min(depth_ + 2, 40)) * size_t(options_.indent), ' ');
+  }
+}
+
+void RibWriter::binaryLength(unsigned char code, size_t n) {
+  const int bytes = n < 0x100 ? 1 : n < 0x10000 ? 2 : n < 0x1000000 ? 3 : 4;
+  text_ += char(code + bytes - 1);
+  for (int i = bytes - 1; i >= 0; --i) text_ += char(n >> (8 * i) & 0xff);
+}
+void RibWriter::binaryInteger(int64_t v) {
+  const int bytes = v >= -0x80 && v < 0x80           ? 1
+                    : v >= -0x8000 && v < 0x8000     ? 2
+                    : v >= -0x800000 && v < 0x800000 ? 3
+                                                     : 4;
+  text_ += char(0x80 + bytes - 1);
+  for (int i = bytes - 1; i >= 0; --i) text_ += char(uint64_t(v) >> (8 * i) & 0xff);
+}
+void RibWriter::binaryFloat(float v) {
+  const auto bits = std::bit_cast<uint32_t>(v);
+  for (int i = 3; i >= 0; --i) text_ += char(bits >> (8 * i) & 0xff);
+}
+void RibWriter::binaryNumber(double v) {
+  if (isInteger(v)) {
+    binaryInteger(int64_t(v));
+  } else if (isFloat(v)) {
+    text_ += '\244';
+    binaryFloat(float(v));
+  } else {
+    text_ += '\245';
+    const auto bits = std::bit_cast<uint64_t>(v);
+    for (int i = 7; i >= 0; --i) text_ += char(bits >> (8 * i) & 0xff);
+  }
+}
+// The name of a definition whose head is written already.
+void RibWriter::define(std::string_view text) {
+  std::swap(text_, definitions_);
+  if (text.size() < 16) {
+    text_ += char(0x90 + text.size());
+  } else {
+    binaryLength(0xa0, text.size());
+  }
+  text_ += text;
+  std::swap(text_, definitions_);
+}
+
+void RibWriter::string(std::string_view s) {
+  if (!options_.binary) return appendQuoted(text_, s);
+  if (s.size() >= 4 && s.size() <= 256) {  // what comes twice is defined
+    const auto use = [&](int token) {
+      text_ += token < 256 ? '\317' : '\320';
+      if (token >= 256) text_ += char(token >> 8);
+      text_ += char(token & 0xff);
+    };
+    std::string key(s);
+    const auto known = strings_.find(key);
+    if (known == strings_.end()) {
+      if (strings_.size() < kMostStringsSeen) strings_.emplace(std::move(key), -1);
+    } else if (known->second >= 0) {
+      return use(known->second);
+    } else if (stringTokens_ < kMostStringTokens) {
+      const int token = known->second = stringTokens_++;
+      definitions_ += token < 256 ? '\315' : '\316';
+      if (token >= 256) definitions_ += char(token >> 8);
+      definitions_ += char(token & 0xff);
+      define(s);
+      return use(token);
     }
   }
-  text_ += '"';
+  if (s.size() < 16) {
+    text_ += char(0x90 + s.size());
+  } else {
+    binaryLength(0xa0, s.size());
+  }
+  text_ += s;
 }
+
 RibWriter& RibWriter::add(double v) {
-  text_ += ' ';
+  if (options_.binary) {
+    binaryNumber(v);
+    return *this;
+  }
+  space();
   appendNumber(text_, v);
   return *this;
 }
 RibWriter& RibWriter::add(int v) {
-  fmt::format_to(std::back_inserter(text_), " {}", v);
+  if (options_.binary) {
+    binaryInteger(v);
+    return *this;
+  }
+  space();
+  fmt::format_to(std::back_inserter(text_), "{}", v);
   return *this;
 }
 RibWriter& RibWriter::add(const std::string& s) {
-  text_ += ' ';
-  quoted(s);
+  space();
+  string(s);
   return *this;
 }
 RibWriter& RibWriter::add(const Handle& h) {
   if (!h.isInteger) return add(h.name);
-  text_ += ' ';
-  text_ += h.name;
+  int v = 0;
+  std::from_chars(h.name.data(), h.name.data() + h.name.size(), v);
+  return add(v);
+}
+
+template <class T>
+RibWriter& RibWriter::addArray(const std::vector<T>& v) {
+  space();
+  text_ += '[';
+  bool first = true;
+  for (const T& one : v) {
+    if (!first) space();
+    first = false;
+    if constexpr (std::is_same_v<T, std::string>) {
+      string(one);
+    } else if (!options_.binary) {
+      appendNumber(text_, one);
+    } else {
+      binaryNumber(double(one));
+    }
+  }
+  text_ += ']';
   return *this;
 }
 
-namespace {
-
-template <class V, class F>
-void appendArray(std::string& to, const V& v, F one) {
-  to += " [";
-  for (size_t i = 0; i < v.size(); ++i) {
-    if (i > 0) to += ' ';
-    one(v[i]);
-  }
-  to += ']';
-}
-
-}  // namespace
-
 RibWriter& RibWriter::add(const std::vector<float>& v) {
-  appendArray(text_, v, [&](float f) { appendNumber(text_, f); });
+  if (!options_.binary) return addArray(v);
+  binaryLength(0xc8, v.size());
+  for (const float f : v) binaryFloat(f);
   return *this;
 }
 RibWriter& RibWriter::add(const std::vector<double>& v) {
-  appendArray(text_, v, [&](double d) { appendNumber(text_, d); });
-  return *this;
+  if (!options_.binary || !std::all_of(v.begin(), v.end(), isFloat)) return addArray(v);
+  return add(std::vector<float>(v.begin(), v.end()));
 }
-RibWriter& RibWriter::add(const std::vector<int>& v) {
-  appendArray(text_, v, [&](int i) { fmt::format_to(std::back_inserter(text_), "{}", i); });
-  return *this;
-}
-RibWriter& RibWriter::add(const std::vector<std::string>& v) {
-  appendArray(text_, v, [&](const std::string& s) { quoted(s); });
-  return *this;
-}
+RibWriter& RibWriter::add(const std::vector<int>& v) { return addArray(v); }
+RibWriter& RibWriter::add(const std::vector<std::string>& v) { return addArray(v); }
 RibWriter& RibWriter::add(const DMat4& m) {
   std::vector<double> a(16);
   for (int i = 0; i < 16; ++i) a[size_t(i)] = m[i / 4][i % 4];
@@ -124,7 +260,8 @@ RibWriter& RibWriter::add(const DMat4& m) {
 }
 RibWriter& RibWriter::add(const ParamList& params) {
   for (const Param& p : params) {
-    add(fmt::format("{} {}", p.declaration.str(), p.name));
+    const bool bare = options_.keepBareNames && p.form != TokenForm::kInline;
+    add(!bare ? fmt::format("{} {}", p.declaration.str(), p.name) : p.name);
     switch (p.declaration.type) {
       case ValueType::kString:
         add(p.strings);
@@ -133,7 +270,8 @@ RibWriter& RibWriter::add(const ParamList& params) {
         add(p.ints);
         break;
       default:
-        add(p.floats);
+        // Numbers of unknown type: an array of floats would exclude integers.
+        bare&& p.form == TokenForm::kUndeclared ? addArray(p.floats) : add(p.floats);
         break;
     }
   }
@@ -356,9 +494,24 @@ void RibWriter::readArchive(std::string name, ParamList p) { put("ReadArchive").
 void RibWriter::archiveBegin(Handle name, ParamList p) { put("ArchiveBegin").add(name).add(p).end(); }
 void RibWriter::archiveEnd() { put("ArchiveEnd").end(); }
 void RibWriter::archiveRecord(RecordKind kind, std::string text) {
+  // Text among binary requests: a line of its own.
+  if (options_.binary && lineBegin_ > 0) text_ += '\n';
   if (kind == RecordKind::kStructure) text_ += "##";
+  if (kind != RecordKind::kStructure && options_.indent > 0)
+    text_.append(size_t(std::min(depth_, 40)) * size_t(options_.indent), ' ');
   if (kind == RecordKind::kComment) text_ += '#';
+  // A comment ends with its line.
+  if (kind != RecordKind::kVerbatim)
+    std::replace_if(
+        text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
   text_ += text;
+  if (options_.binary) text_ += '\n';
+  end();
+}
+void RibWriter::version(double number) { put("version").add(number).end(); }
+void RibWriter::conditional(std::string_view request, std::string condition) {
+  put(request);
+  if (request == "IfBegin" || request == "ElseIf") add(condition);
   end();
 }
 

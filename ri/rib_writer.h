@@ -1,21 +1,33 @@
-// Writes the requests it receives as ASCII RIB.
+// A renderer whose output is RIB: ASCII or binary.
 #pragma once
 
+#include <array>
 #include <functional>
+#include <map>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 
 #include "ri/renderer.h"
 
 namespace fr::ri {
 
-/// A Renderer whose output is RIB text. Every number is written so that reading it again gives the same bits.
-/// One request per line, its parameters with inline declarations, so that the text needs no Declare. Not
+struct RibWriterOptions {
+  /// The encoding of RISpec 3.2, Table C.1: about half as large, and read ten times as fast.
+  bool binary = false;
+  /// ASCII: spaces per level of blocks; lines are broken at `width` columns (0: never).
+  int indent = 0, width = 0;
+  /// Parameters that came with a bare name are written so (Declare requests go along); else every parameter
+  /// has an inline declaration.
+  bool keepBareNames = false;
+};
+
+/// Every number is written so that reading it again gives the same bits. One request per line. Not
 /// thread-safe.
 class RibWriter : public Renderer {
  public:
-  /// `write` receives the text in pieces of whole lines.
-  explicit RibWriter(std::function<void(std::string_view)> write);
+  /// `write` receives the text in pieces of whole requests.
+  explicit RibWriter(std::function<void(std::string_view)> write, RibWriterOptions options = {});
   ~RibWriter() override;
   void flush();
 
@@ -103,6 +115,8 @@ class RibWriter : public Renderer {
   void archiveBegin(Handle name, ParamList params) override;
   void archiveEnd() override;
   void archiveRecord(RecordKind kind, std::string text) override;
+  void version(double number) override;
+  void conditional(std::string_view request, std::string condition) override;
 
  private:
   // Each appends to the line begun by put(); end() finishes it.
@@ -118,10 +132,26 @@ class RibWriter : public Renderer {
   RibWriter& add(const std::vector<int>& v);
   RibWriter& add(const std::vector<std::string>& v);
   void end();
-  void quoted(std::string_view s);
+  void space();
+  template <class T>
+  RibWriter& addArray(const std::vector<T>& v);
+  void string(std::string_view s);
+  void binaryInteger(int64_t v);
+  void binaryFloat(float v);
+  void binaryNumber(double v);
+  void binaryLength(unsigned char code, size_t n);
+  void define(std::string_view text);
 
   std::function<void(std::string_view)> write_;
+  RibWriterOptions options_;
   std::string text_;
+  size_t lineBegin_ = 0;
+  int depth_ = 0;
+  // Binary: definitions go before the request that needs them.
+  std::string definitions_;
+  std::map<std::string, unsigned char, std::less<>> requestCodes_;
+  std::unordered_map<std::string, int> strings_;  // token, or -1: seen once
+  int stringTokens_ = 0;
 };
 
 }  // namespace fr::ri
