@@ -11,7 +11,7 @@ namespace fr {
 namespace {
 
 struct Reporter {
-  std::mutex mutex;
+  std::recursive_mutex mutex;  // a sink may do what reports again
   std::set<std::string, std::less<>> seen;
   std::function<void(const Error&)> sink;
   std::atomic<ErrorMode> mode{ErrorMode::kPrint};
@@ -114,7 +114,7 @@ void report(const Error& e) {
   r.counts[int(e.severity)]++;
   const ErrorMode mode = r.mode;
   if (mode == ErrorMode::kAbort && e.severity >= Severity::kError) r.abort = true;
-  std::lock_guard lock(r.mutex);
+  const std::lock_guard lock(r.mutex);
   if (r.sink) {
     r.sink(e);
   } else if (mode != ErrorMode::kIgnore) {
@@ -126,7 +126,7 @@ void reportOnce(std::string_view key, const Error& e) {
   if (t_muted > 0) return;
   Reporter& r = reporter();
   {
-    std::lock_guard lock(r.mutex);
+    const std::lock_guard lock(r.mutex);
     if (r.seen.size() > 10000 || !r.seen.emplace(key).second) return;
   }
   report(e);
@@ -144,7 +144,7 @@ bool abortRequested() { return reporter().abort; }
 
 void setReportSink(std::function<void(const Error&)> sink) {
   Reporter& r = reporter();
-  std::lock_guard lock(r.mutex);
+  const std::lock_guard lock(r.mutex);
   r.sink = std::move(sink);
   r.seen.clear();
   r.last = 0;

@@ -6,11 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <climits>
 #include <map>
 #include <mutex>
 #include <string_view>
 #include <utility>
+
+#include "base/install_folders.h"
 
 namespace fr {
 namespace {
@@ -52,14 +53,6 @@ std::string extensionOf(const std::string& path) {
   std::string e = path.substr(dot + 1);
   std::transform(e.begin(), e.end(), e.begin(), [](unsigned char c) { return char(std::tolower(c)); });
   return e;
-}
-
-std::string folderOf(const std::string& path) { return path.substr(0, path.rfind('/')); }
-
-std::string programFolder() {
-  std::array<char, PATH_MAX> buffer{};
-  const ssize_t n = ::readlink("/proc/self/exe", buffer.data(), buffer.size() - 1);
-  return n > 0 ? folderOf(std::string(buffer.data(), size_t(n))) : std::string();
 }
 
 void addList(std::vector<std::string>& to, const char* list) {
@@ -112,8 +105,7 @@ std::vector<std::string> displaySearchPath(const std::vector<std::string>& paths
   for (const std::string& p : paths) addList(all, p.c_str());
   addList(all, std::getenv("FRANKENRENDER_DISPLAYS"));
   addList(all, std::getenv("DISPLAYS"));
-  const std::string relative = "/../lib/frankenrender/displays";
-  if (const std::string program = programFolder(); !program.empty()) all.push_back(program + relative);
+  for (std::string& folder : installedFolders("lib/frankenrender/displays")) all.push_back(std::move(folder));
   return all;
 }
 

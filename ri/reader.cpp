@@ -82,4 +82,12 @@ Result<void> Reader::readArchive(const std::string& name) {
   return readFile(path);
 }
 
+void Reader::defineArchive(const std::string& name, std::string text) {
+  auto archive = std::make_shared<InlineArchive>();
+  archive->file = fmt::format("<archive {}>", name);
+  archive->text = std::move(text);
+  archive->tables = std::make_shared<BinaryTables>();
+  inlineArchives_[name] = std::move(archive);
+}
+
 }  // namespace fr::ri

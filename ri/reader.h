@@ -65,6 +65,9 @@ class Reader {
   /// As the request ReadArchive: an inline archive of that name, or a file found along the search path.
   Result<void> readArchive(const std::string& name);
 
+  /// As ArchiveBegin ... ArchiveEnd with this text between them.
+  void defineArchive(const std::string& name, std::string text);
+
   const ReaderOptions& options() const { return options_; }
   /// Option "ribparse" "varsubst": the characters that begin a variable in strings; "" for none.
   void setSubstitution(std::string marks) { substitution_ = std::move(marks); }

@@ -11,6 +11,7 @@
 #include "ri/request_parser.h"
 #include "ri/rib_writer.h"
 #include "ri/search_path.h"
+#include "ri/state_renderer.h"
 
 namespace fr::ri {
 namespace {
@@ -354,6 +355,27 @@ TEST(Reader, InlineArchives) {
       "ReadArchive \"a\"\nColor 1 1 1\nReadArchive \"a\"");
   EXPECT_EQ(p->rib, "Sides 1\nSides 2\nColor [1 1 1]\nSides 1\nSides 2\n");
   EXPECT_TRUE(p->reports.errors.empty()) << p->reports.str();
+}
+
+TEST(Reader, VariablesInStrings) {
+  StateRenderer state;
+  ReportCapture reports;
+  Reader r(state);
+  ASSERT_TRUE(
+      r.readBuffer("Option \"user\" \"string shot\" [\"s12\"] \"int take\" [3]\n"
+                   "Display \"$user:shot.exr\" \"file\" \"rgba\"\n"
+                   "Option \"ribparse\" \"varsubst\" [\"$\"]\nFrameBegin 7\n"
+                   "Display \"+${user:shot}_$Frame.t${user:take}.exr\" \"file\" \"rgba\"\n"
+                   "IfBegin \"$user:shot == 's12'\"\nDisplay \"+$nothing:at:all\" \"file\" \"z\"\nIfEnd\n"
+                   "Option \"ribparse\" \"varsubst\" [\"\"]\nDisplay \"+$Frame\" \"file\" \"a\"\n")
+          .ok());
+  const auto& d = state.state().options().displays;
+  ASSERT_EQ(d.size(), 4u);
+  EXPECT_EQ(d[0].name, "$user:shot.exr");
+  EXPECT_EQ(d[1].name, "s12_7.t3.exr");
+  EXPECT_EQ(d[2].name, "$nothing:at:all");
+  EXPECT_EQ(d[3].name, "$Frame");
+  EXPECT_EQ(reports.count(RiError::kBadToken), 1) << reports.str();
 }
 
 TEST(Reader, PlacesInsideInlineArchives) {

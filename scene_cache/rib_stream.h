@@ -15,4 +15,8 @@ namespace fr::cache {
 Result<void> readStream(SceneBuilder& builder, std::span<const RibInput> inputs, uint8_t side,
                         const std::string* standardInput, bool mute);
 
+/// The standard search paths, which "@" in Option "searchpath" stands for: SHADERS, TEXTURES, ARCHIVES,
+/// PROCEDURALS and DISPLAYS of the environment.
+ri::StateRenderer::PathLists environmentPaths();
+
 }  // namespace fr::cache

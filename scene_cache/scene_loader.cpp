@@ -14,20 +14,6 @@
 namespace fr::cache {
 namespace {
 
-/// BMRT's environment variables: the standard lists, which "@" in Option "searchpath" stands for.
-ri::StateRenderer::PathLists environmentPaths() {
-  ri::StateRenderer::PathLists lists;
-  static constexpr std::pair<const char*, const char*> kVariables[] = {{"shader", "SHADERS"},
-                                                                       {"texture", "TEXTURES"},
-                                                                       {"archive", "ARCHIVES"},
-                                                                       {"procedural", "PROCEDURALS"},
-                                                                       {"display", "DISPLAYS"}};
-  for (const auto& [category, variable] : kVariables)
-    if (const char* value = std::getenv(variable); value && *value)
-      lists[category] = ri::parseSearchPath(value, {}, {});
-  return lists;
-}
-
 std::string readAll(int fd) {
   std::string text;
   char part[65536];
@@ -40,6 +26,20 @@ std::string readAll(int fd) {
 }
 
 }  // namespace
+
+// BMRT's environment variables.
+ri::StateRenderer::PathLists environmentPaths() {
+  ri::StateRenderer::PathLists lists;
+  static constexpr std::pair<const char*, const char*> kVariables[] = {{"shader", "SHADERS"},
+                                                                       {"texture", "TEXTURES"},
+                                                                       {"archive", "ARCHIVES"},
+                                                                       {"procedural", "PROCEDURALS"},
+                                                                       {"display", "DISPLAYS"}};
+  for (const auto& [category, variable] : kVariables)
+    if (const char* value = std::getenv(variable); value && *value)
+      lists[category] = ri::parseSearchPath(value, {}, {});
+  return lists;
+}
 
 Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& given,
                        const FrameCallback& onFrame) {

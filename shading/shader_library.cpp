@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <filesystem>
 
+#include "base/install_folders.h"
 #include "shading/shadeop_library.h"
 #include "shading/slx.h"
 #include "shading/source.h"
@@ -55,10 +56,8 @@ std::vector<std::string> shaderPathFromEnvironment() {
 
 std::string standardShaderFolder() {
   std::error_code ec;
-  const fs::path program = fs::read_symlink("/proc/self/exe", ec);
-  if (ec) return "";
-  const fs::path folder = program.parent_path().parent_path() / "share" / "frankenrender" / "shaders";
-  return fs::is_directory(folder, ec) ? folder.string() : "";
+  const fs::path folder = fs::weakly_canonical(installedFile("share/frankenrender", "shaders"), ec);
+  return !ec && fs::is_directory(folder, ec) ? folder.string() : "";
 }
 
 ShaderLibrary::ShaderLibrary(Options options) : options_(std::move(options)) {

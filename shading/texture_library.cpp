@@ -3,9 +3,9 @@
 #include <dlfcn.h>
 #include <unistd.h>
 
-#include <climits>
 #include <cstdlib>
 
+#include "base/install_folders.h"
 #include "ri/search_path.h"
 
 namespace fr {
@@ -14,10 +14,7 @@ namespace {
 std::string moduleFile() {
   if (const char* folder = std::getenv("FRANKENRENDER_MODULES"); folder && *folder)
     return std::string(folder) + "/fr_textures.so";
-  char buffer[PATH_MAX];
-  const ssize_t n = ::readlink("/proc/self/exe", buffer, sizeof buffer - 1);
-  const std::string program(buffer, n > 0 ? size_t(n) : 0);
-  return program.substr(0, program.rfind('/')) + "/../lib/frankenrender/fr_textures.so";
+  return installedFile("lib/frankenrender", "fr_textures.so");
 }
 
 Result<const FrTextureModule*> openOnce() {

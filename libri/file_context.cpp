@@ -1,0 +1,78 @@
+// RiBegin("x.rib"): requests become a file.
+#include "libri/contexts.h"
+#include "ri/rib_file.h"
+#include "ri/rib_writer.h"
+
+namespace fr::libri {
+namespace {
+
+class FileContext final : public Context {
+ public:
+  FileContext(std::string path, RibFormat format) : path_(std::move(path)), format_(format) {}
+
+  Result<void> open() { return file_.open(path_, format_.gzip); }
+
+  ri::StateRenderer& state() override { return state_; }
+  bool writes() const override { return true; }
+
+  bool setFormat(RibFormat f) override {
+    if (writer_) return false;
+    const bool again = f.gzip != format_.gzip;
+    format_ = f;
+    if (again)
+      if (Result<void> r = open(); !r)
+        complain(r.error().code, Severity::kSevere, "RiOption", r.error().message);
+    return true;
+  }
+  RibFormat format() const override { return format_; }
+
+  void close() override {
+    static_cast<ri::RibWriter&>(renderer()).flush();
+    if (Result<void> r = file_.finish(); !r)
+      complain(r.error().code, Severity::kSevere, "RiEnd", r.error().message);
+    state_.finish();
+  }
+
+  void readArchive(const std::string& name, ri::ParamList params, RtArchiveCallback) override {
+    renderer().readArchive(name, std::move(params));
+  }
+  void verbatim(std::string text) override {
+    // RIB writes lines; the text may bring its own end of line.
+    while (text.ends_with('\n')) text.pop_back();
+    renderer().archiveRecord(ri::RecordKind::kVerbatim, std::move(text));
+  }
+  void archiveBegin(ri::Handle name, ri::ParamList params) override {
+    renderer().archiveBegin(std::move(name), std::move(params));
+  }
+  void archiveEnd() override { renderer().archiveEnd(); }
+
+ protected:
+  ri::Renderer& renderer() override {
+    if (!writer_) {
+      ri::RibWriterOptions o;
+      o.binary = format_.binary, o.indent = 2, o.width = 100;
+      o.keepBareNames = true;
+      writer_ = std::make_unique<ri::RibWriter>([this](std::string_view s) { file_.write(s); }, o);
+      writer_->archiveRecord(ri::RecordKind::kStructure, "RenderMan RIB-Structure 1.1");
+      writer_->version(3.04);
+    }
+    return *writer_;
+  }
+
+ private:
+  std::string path_;
+  RibFormat format_;
+  ri::RibFile file_;
+  ri::StateRenderer state_;
+  std::unique_ptr<ri::RibWriter> writer_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Context>> makeFileContext(const std::string& path, RibFormat format) {
+  auto c = std::make_unique<FileContext>(path, format);
+  if (Result<void> r = c->open(); !r) return r.error();
+  return std::unique_ptr<Context>(std::move(c));
+}
+
+}  // namespace fr::libri
