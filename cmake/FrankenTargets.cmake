@@ -62,7 +62,12 @@ function(fr_test name)
   target_link_libraries(${name} PRIVATE fr_options fr_warnings ${A_DEPS} GTest::gtest GTest::gtest_main)
   target_compile_definitions(${name} PRIVATE FR_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
                              FR_BINARY_DIR="${PROJECT_BINARY_DIR}")
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 PROPERTIES TIMEOUT 300)
+  set(properties TIMEOUT 300)
+  if(FR_SANITIZE MATCHES "address")
+    set(properties TIMEOUT 1200
+        ENVIRONMENT LSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/cmake/lsan.supp:print_suppressions=0)
+  endif()
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 PROPERTIES ${properties})
 endfunction()
 
 # Compiles one kernel file once per instruction set, with FR_ISA naming the namespace
