@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace fr {
@@ -17,5 +18,10 @@ struct DisplayMode {
 
 /// Never fails: a word that is no combination of rgb, a, z is the name of a shader variable. "" is "rgba".
 DisplayMode parseDisplayMode(const std::string& mode);
+
+/// Its items, which "," or "+" part, with single blanks between words.
+std::vector<std::string> splitDisplayMode(const std::string& mode);
+/// True for the name of a shader variable: no combination of rgb, a, z, and not Ci or Oi.
+bool isVariableOfMode(std::string_view name);
 
 }  // namespace fr

@@ -1,4 +1,5 @@
 #include "imaging/display_mode.h"
+#include "imaging/frame_output.h"
 
 #include <gtest/gtest.h>
 
@@ -31,6 +32,22 @@ TEST(DisplayMode, OutputVariables) {
   EXPECT_EQ(channelsOf("s"), "Y=s0 ");
   EXPECT_EQ(channelsOf("Ci"), channelsOf("rgb"));
   EXPECT_EQ(channelsOf("rgba,color diff"), channelsOf("rgba") + "diff.R=diff0 diff.G=diff1 diff.B=diff2 ");
+}
+
+TEST(DisplayMode, TypesDecideTheNumberOfChannels) {
+  EXPECT_EQ(channelsOf("float[2] st"), "0=st0 1=st1 ");
+  EXPECT_EQ(channelsOf("rgb, float[2] st"), channelsOf("rgb") + "st.0=st0 st.1=st1 ");
+  EXPECT_EQ(channelsOf("color Ci2"), "R=Ci20 G=Ci21 B=Ci22 ");
+  // A name can be in a file once.
+  EXPECT_EQ(channelsOf("rgba,Ci"), channelsOf("rgba"));
+  EXPECT_EQ(channelsOf("Ci,Oi"), channelsOf("rgb") + "Oi.R=#3 Oi.G=#3 Oi.B=#3 ");
+}
+
+TEST(DisplayMode, TypesThatTheModeDoesNotSay) {
+  std::vector<DisplayRequest> d(1);
+  d[0].mode = "rgba, mask ,color tint,pair";
+  resolveOutputTypes(d, [](std::string_view name) { return name == "mask" ? 1 : name == "pair" ? 2 : 0; });
+  EXPECT_EQ(d[0].mode, "rgba,float mask,color tint,float[2] pair");
 }
 
 TEST(DisplayType, NamesAndExtensions) {

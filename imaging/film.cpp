@@ -17,9 +17,9 @@ struct Film::Splats {
   PixelRect rect;
   /// [pixel][target row][target column][weight, filtered channels...]
   std::vector<float> sums;
-  /// [pixel][minimum channels]
-  std::vector<float> minima;
-  size_t bytes() const { return (sums.size() + minima.size()) * sizeof(float); }
+  /// [pixel][channels of the pixel's own samples]
+  std::vector<float> ownValues;
+  size_t bytes() const { return (sums.size() + ownValues.size()) * sizeof(float); }
 };
 
 Film::Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::vector<ChannelRule> channels)
@@ -33,7 +33,7 @@ Film::Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::
   sampled_ = crop_.grown(reachX_, reachY_);
   tilesX_ = (sampled_.width() + tileSize_ - 1) / tileSize_;
   tilesY_ = (sampled_.height() + tileSize_ - 1) / tileSize_;
-  for (ChannelRule r : rules_) (r == ChannelRule::kFiltered ? filteredCount_ : minimumCount_)++;
+  for (ChannelRule r : rules_) (r == ChannelRule::kFiltered ? filteredCount_ : ownCount_)++;
   if (filter_.separable()) {
     // Weights by place within the pixel: evaluating filters would take longer than all the rest.
     for (int i = 0; i < kWeightSteps; ++i) {
@@ -70,6 +70,22 @@ PixelRect Film::tileRect(int tile) const {
 
 namespace {
 
+/// The value of a pixel by its own samples alone.
+float ofOwnSamples(ChannelRule rule, const float* values, size_t n) {
+  float result = values[0];
+  if (rule == ChannelRule::kAverage) {
+    constexpr float kNothingThere = 1e37f;
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < n; ++i)
+      if (values[i] < kNothingThere) sum += double(values[i]), ++count;
+    return count > 0 ? float(sum / double(count)) : result;
+  }
+  for (size_t i = 1; i < n; ++i)
+    result = rule == ChannelRule::kMaximum ? std::max(result, values[i]) : std::min(result, values[i]);
+  return result;
+}
+
 /// Adds w * value for the samples of one pixel: `values` holds `entry` numbers a sample, the first of them 1.
 /// The fixed size is the common one (weight and RGBA), which compilers unroll.
 template <size_t kEntry>
@@ -105,12 +121,12 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
   if (s.counts) most = *std::max_element(s.counts, s.counts + rect.area());
   const size_t entry = size_t(filteredCount_ + 1), mostSamples = size_t(most);
   out->sums.assign(size_t(rect.area()) * size_t(columns * rows) * entry, 0.0f);
-  out->minima.assign(size_t(rect.area()) * size_t(minimumCount_), std::numeric_limits<float>::infinity());
+  out->ownValues.assign(size_t(rect.area()) * size_t(ownCount_), 0.0f);
   std::vector<float> wx(size_t(columns) * mostSamples), wy(size_t(rows) * mostSamples, 1.0f),
       values(mostSamples * entry, 1.0f);
   const bool separable = filter_.separable();
   float* sum = out->sums.data();
-  float* minimum = out->minima.data();
+  float* ownValue = out->ownValues.data();
   size_t first = 0;
   for (long long pixel = 0; pixel < rect.area(); ++pixel) {
     const int spp = s.counts ? s.counts[pixel] : s.samplesPerPixel;
@@ -124,8 +140,7 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
         for (size_t i = 0; i < samples; ++i) values[i * entry + at] = from[i];
         ++at;
       } else {
-        for (size_t i = 0; i < samples; ++i) *minimum = std::min(*minimum, from[i]);
-        ++minimum;
+        *ownValue++ = ofOwnSamples(rules_[r], from, samples);
       }
     }
     if (separable)
@@ -189,10 +204,10 @@ FilmTile Film::gather(int tile) const {
           sum[0] != 0 ? sum[0] : 1.0f;  // divided, not multiplied by 1/total: full coverage is exactly 1
       const Splats& own = *splats_[size_t(tile)];
       const size_t self = size_t(y - own.rect.y0) * size_t(own.rect.width()) + size_t(x - own.rect.x0);
-      const float* minimum = own.minima.data() + self * size_t(minimumCount_);
+      const float* ownValue = own.ownValues.data() + self * size_t(ownCount_);
       size_t c = 1;
       for (size_t r = 0; r < rules_.size(); ++r)
-        out.channels[r][k] = rules_[r] == ChannelRule::kFiltered ? sum[c++] / total : *minimum++;
+        out.channels[r][k] = rules_[r] == ChannelRule::kFiltered ? sum[c++] / total : *ownValue++;
     }
   return out;
 }

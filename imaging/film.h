@@ -22,6 +22,8 @@ namespace fr {
 enum class ChannelRule : uint8_t {
   kFiltered,  // weighted mean
   kMinimum,   // smallest sample of the pixel itself (depth)
+  kMaximum,   // its largest
+  kAverage,   // mean of the pixel's own samples; infinite ones (RI_INFINITY, nothing there) are left out
 };
 
 /// The samples of one tile. Pixels in rows, the samples of a pixel side by side.
@@ -82,7 +84,7 @@ class Film {
   PixelRect crop_, sampled_;
   PixelFilter filter_;
   std::vector<ChannelRule> rules_;
-  int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, minimumCount_ = 0;
+  int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, ownCount_ = 0;
   std::vector<float> weightsX_, weightsY_;  // [step][target]
   std::vector<std::unique_ptr<Splats>> splats_;
   /// Used splats: their arrays are large enough that the system would map and clear fresh pages for each.

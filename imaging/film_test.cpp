@@ -61,6 +61,18 @@ Image filterImage(const PixelRect& crop, const PixelFilter& filter, int tileSize
   return image;
 }
 
+TEST(Film, OwnSamplesOfAPixel) {
+  const float infinity = 1e38f, values[] = {3, 1, infinity, 2}, x[] = {0.1f, 0.6f, 0.2f, 0.7f}, y[4] = {};
+  const ChannelRule rules[] = {ChannelRule::kMinimum, ChannelRule::kMaximum, ChannelRule::kAverage};
+  Film film({0, 0, 1, 1}, PixelFilter(FilterKind::kBox, 1, 1), 8, {std::begin(rules), std::end(rules)});
+  const float* channels[] = {values, values, values};
+  film.addTile(0, {4, nullptr, x, y, channels}, [&](FilmTile&& t) {
+    EXPECT_EQ(t.channels[0][0], 1);
+    EXPECT_EQ(t.channels[1][0], infinity);
+    EXPECT_EQ(t.channels[2][0], 2);
+  });
+}
+
 TEST(Film, ConstantStaysConstantForEveryFilter) {
   for (auto name : {"box", "triangle", "catmull-rom", "sinc", "gaussian", "mitchell", "disk", "bessel",
                     "lanczos", "blackman-harris", "separable-catmull-rom"}) {

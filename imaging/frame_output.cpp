@@ -61,11 +61,26 @@ std::vector<OutputChannel> requiredOutputs(const std::vector<DisplayRequest>& di
     for (const DisplayMode::Channel& c : parseDisplayMode(d.mode).channels) {
       const bool known =
           c.variable.empty() || std::any_of(out.begin(), out.end(), [&](const OutputChannel& o) {
-            return o.variable == c.variable && o.component == c.component;
+            return o.variable == c.variable && o.component == c.component && o.rule == d.rule;
           });
-      if (!known) out.push_back({c.variable, c.component});
+      if (!known) out.push_back({c.variable, c.component, d.rule});
     }
   return out;
+}
+
+void resolveOutputTypes(std::vector<DisplayRequest>& displays,
+                        const std::function<int(std::string_view)>& components) {
+  for (DisplayRequest& d : displays) {
+    std::string mode;
+    for (const std::string& item : splitDisplayMode(d.mode)) {
+      if (!mode.empty()) mode += ',';
+      const bool bare = item.find(' ') == std::string::npos;
+      const int n = bare && isVariableOfMode(item) ? components(item) : 0;
+      if (n > 0) mode += n == 1 ? "float " : n == 3 ? "color " : fmt::format("float[{}] ", n);
+      mode += item;
+    }
+    d.mode = std::move(mode);
+  }
 }
 
 Result<void> checkPictureFits(const FrameGeometry& geometry, const std::vector<DisplayRequest>& displays) {
@@ -93,7 +108,8 @@ FrameOutput::FrameOutput(FrameGeometry geometry, std::vector<DisplayRequest> dis
       int source = c.component;
       if (!c.variable.empty())
         for (size_t i = 0; i < outputs.size(); ++i)
-          if (outputs[i].variable == c.variable && outputs[i].component == c.component)
+          if (outputs[i].variable == c.variable && outputs[i].component == c.component &&
+              outputs[i].rule == r.rule)
             source = kFixedChannels + int(i);
       d->sources.push_back(source);
     }

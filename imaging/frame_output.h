@@ -27,6 +27,7 @@ struct DisplayRequest {
   std::vector<DisplayParameter> parameters;
   Quantizer quantizer, depthQuantizer{0, 0, 0, 0};
   Exposure exposure;
+  ChannelRule rule = ChannelRule::kFiltered;  // of shader variables: "filter" "min", "max", "average"
 };
 
 /// A channel that the renderer delivers. The first five are always R G B A Z; then those of
@@ -34,6 +35,7 @@ struct DisplayRequest {
 struct OutputChannel {
   std::string variable;  // shader variable; "" for the first five
   int component = 0;
+  ChannelRule rule = ChannelRule::kFiltered;
 };
 inline constexpr int kColorChannel = 0, kAlphaChannel = 3, kDepthChannel = 4, kFixedChannels = 5;
 
@@ -49,6 +51,11 @@ struct FrameGeometry {
 /// follow the fixed channels. Modes: "rgb" "rgba" "rgbz" "rgbaz" "a" "z" "az", or a variable, optionally with
 /// its type ("color foo", "float x").
 std::vector<OutputChannel> requiredOutputs(const std::vector<DisplayRequest>& displays);
+
+/// Gives the variables of the modes their types where these are not said: `components(name)` knows how many
+/// numbers a variable has, 0 for a name unknown to it.
+void resolveOutputTypes(std::vector<DisplayRequest>& displays,
+                        const std::function<int(std::string_view)>& components);
 
 /// Displays keep whole pictures in memory. Error: kNoMem when that cannot be. Ask before anything is made for
 /// the frame.

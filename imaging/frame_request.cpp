@@ -17,6 +17,22 @@ constexpr float kMostSamples = 128;  // per axis
 
 Quantizer quantizerOf(const float q[4]) { return {q[0], q[1], q[2], q[3]}; }
 
+/// "filter" of a display: those that choose among a pixel's own samples hold for its shader variables.
+ChannelRule ruleOf(std::string_view filter) {
+  if (filter == "min" || filter == "zmin") return ChannelRule::kMinimum;
+  if (filter == "max" || filter == "zmax") return ChannelRule::kMaximum;
+  if (filter == "average") return ChannelRule::kAverage;
+  reportOnce(
+      "display filter",
+      Error{RiError::kUnimplemented,
+            Severity::kWarning,
+            {},
+            fmt::format("filter \"{}\" of a display alone: all are filtered by PixelFilter; only \"min\", "
+                        "\"max\" and \"average\" can be chosen for variables",
+                        filter)});
+  return ChannelRule::kFiltered;
+}
+
 DisplayParameter matrixParameter(const char* name, const DMat4& m) {
   std::vector<float> values;
   for (int i = 0; i < 4; ++i)
@@ -124,11 +140,34 @@ std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {
         const auto v = skeleton.floats(p);
         q.values = std::vector<float>(v.begin(), v.end());
       }
+      if (const auto* s = std::get_if<std::vector<std::string>>(&q.values);
+          s && q.name == "filter" && !s->empty())
+        r.rule = ruleOf(s->front());
       r.parameters.push_back(std::move(q));
     }
     all.push_back(std::move(r));
   }
   return all;
+}
+
+DepthFilter frameDepthFilter(const cache::Skeleton& skeleton) {
+  DepthFilter f;
+  for (const char* name : {"depthfilter", "hider:depthfilter"}) {
+    const cache::ParamRecord* p = skeleton.find(skeleton.options().hiderParams, name);
+    if (!p || p->type != cache::ParamType::kString || skeleton.strings(*p).empty()) continue;
+    const std::string_view filter = skeleton.string(skeleton.strings(*p)[0]);
+    f.midpoint = filter == "midpoint";
+    f.rule = filter == "max"       ? ChannelRule::kMaximum
+             : filter == "average" ? ChannelRule::kAverage
+                                   : ChannelRule::kMinimum;
+    if (filter != "min" && filter != "max" && filter != "average" && filter != "midpoint")
+      reportOnce("depthfilter",
+                 Error{RiError::kBadToken,
+                       Severity::kWarning,
+                       {},
+                       fmt::format("depth filter \"{}\" is unknown; \"min\" is used", filter)});
+  }
+  return f;
 }
 
 void dropExistingDisplays(std::vector<DisplayRequest>& displays, const std::vector<std::string>& searchPath) {

@@ -22,6 +22,15 @@ int frameBucketSize(const cache::Skeleton& skeleton, int asked, int samplesPerPi
 float frameFloatOption(const cache::Skeleton& skeleton, cache::Slice list, const char* name, float otherwise);
 /// The frame's displays with their quantisers and exposures.
 std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton);
+/// The hider's "depthfilter": how the samples of a pixel make its depth.
+struct DepthFilter {
+  ChannelRule rule = ChannelRule::kMinimum;
+  /// Each sample's depth is half way between the first two surfaces it meets; RI_INFINITY when there is no
+  /// second. For shadow maps: Woo, "The Shadow Depth Map Revisited", Graphics Gems III, 1992.
+  bool midpoint = false;
+};
+/// "min" (default), "max", "average", "midpoint"; others are reported.
+DepthFilter frameDepthFilter(const cache::Skeleton& skeleton);
 /// Leaves out the displays whose file exists already, with a message for each.
 void dropExistingDisplays(std::vector<DisplayRequest>& displays, const std::vector<std::string>& searchPath);
 /// displaySearchPath() of Option "searchpath" "display".

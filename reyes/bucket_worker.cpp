@@ -274,7 +274,8 @@ bool BucketWorker::finishTiles() {
 void BucketWorker::finishTile(Pending& tile) {
   {
     const Timer timer(statistics_.compositeSeconds);
-    resolveTile(tile.view, work_.scene->space, int(work_.outputs.size()), work_.opacityThreshold, colors_);
+    resolveTile(tile.view, work_.scene->space, int(work_.outputs.size()), work_.opacityThreshold,
+                work_.midpointDepth, colors_);
   }
   work_.shaded->finishTile(tile.view.tile);
   const Timer timer(statistics_.filterAndWriteSeconds);

@@ -62,15 +62,21 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   if (auto fits = checkPictureFits(geometry, displays); !fits) return fits.error();
 
   FrameWork work;
+  resolveOutputTypes(displays, [&](std::string_view name) { return shading.outputComponents(name); });
   work.outputs = requiredOutputs(displays);
   std::vector<ChannelRule> rules(size_t(kFixedChannels) + work.outputs.size(), ChannelRule::kFiltered);
-  rules[kDepthChannel] = ChannelRule::kMinimum;
+  for (size_t i = 0; i < work.outputs.size(); ++i) rules[size_t(kFixedChannels) + i] = work.outputs[i].rule;
+  const DepthFilter depthFilter = frameDepthFilter(skeleton);
+  rules[kDepthChannel] = depthFilter.rule;
+  work.midpointDepth = depthFilter.midpoint;
 
   FrameScene scene;
   scene.cache = &cache;
   scene.space = RasterSpace(camera, skeleton.cacheToCamera(camera.shutter[0]));
   scene.pattern = frameSamplePattern(skeleton, options.seed);
   scene.traits = surfaceTraits(cache, shading);
+  if (work.midpointDepth)  // what lies behind the first surface is wanted too
+    for (SurfaceTraits& t : scene.traits) t.opaque = false;
   const int bucketSize = frameBucketSize(skeleton, options.bucketSize, scene.pattern.perPixel());
   Film film(geometry.crop, framePixelFilter(skeleton), bucketSize, rules);
   const RootBins roots(cache, scene.space, scene.traits, film);

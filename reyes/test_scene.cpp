@@ -87,6 +87,7 @@ bool ShadingSystem::canAskRays() const {
   return false;
 }
 bool ShadingSystem::isOpaque(cache::AttributeId a) const { return current->surfaces[a].opaque; }
+int ShadingSystem::outputComponents(std::string_view) const { return 0; }
 bool ShadingSystem::runImager(size_t, const float*, const float*, float* const[3], float* const[3], float*) {
   return false;
 }

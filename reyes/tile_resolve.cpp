@@ -74,7 +74,7 @@ class Shader {
 }  // namespace
 
 void resolveTile(const TileView& view, const RasterSpace& space, int outputChannels, float opacityThreshold,
-                 TileColors& out) {
+                 bool midpointDepth, TileColors& out) {
   const SampleBuffer& s = view.samples;
   const PixelRect& rect = s.rect();
   const int spp = s.perPixel();
@@ -106,7 +106,7 @@ void resolveTile(const TileView& view, const RasterSpace& space, int outputChann
         if (s.hit[from] != kNothing) layers.push_back({uint32_t(from), s.hit[from], s.depth[from], 0});
 
         float through[3] = {1, 1, 1}, color[3] = {}, opacity[3] = {};
-        bool first = true;
+        bool first = true, second = !midpointDepth, covered = false;
         float depth = kRiInfinity;
         for (const Fragment& layer : layers) {
           const TileGrid& g = view.grids[layer.hit >> kTriangleBits];
@@ -121,11 +121,15 @@ void resolveTile(const TileView& view, const RasterSpace& space, int outputChann
                                                            0.0f, 1.0f);
               const float v = Shader::value(shaded.color, shaded.points, c, w);
               shows |= o > 0 || v != 0;
-              if (!g.traits.matte) {
+              if (!g.traits.matte && !covered) {
                 color[c] += through[c] * v;
                 opacity[c] += through[c] * o;
               }
               through[c] *= 1 - o;
+            }
+            if (shows && !first && !second) {
+              second = true;
+              depth = 0.5f * (depth + space.depth(layer.depth));
             }
             if (shows && first) {
               first = false;
@@ -140,8 +144,10 @@ void resolveTile(const TileView& view, const RasterSpace& space, int outputChann
             if (first) depth = space.depth(layer.depth);
             first = false;
           }
-          if (std::max({through[0], through[1], through[2]}) < 1 - opacityThreshold) break;
+          covered |= std::max({through[0], through[1], through[2]}) < 1 - opacityThreshold;
+          if (covered && second) break;
         }
+        if (midpointDepth && !second) depth = kRiInfinity;
         for (size_t c = 0; c < 3; ++c) out.channels[c][to] = color[c];
         out.channels[size_t(kAlphaChannel)][to] = (opacity[0] + opacity[1] + opacity[2]) * (1.0f / 3);
         out.channels[size_t(kDepthChannel)][to] = depth;

@@ -14,7 +14,8 @@ struct TileColors {
   std::vector<float> x, y;
   std::vector<std::vector<float>> channels;
 };
+/// `midpointDepth`: depth lies half way to the second surface; RI_INFINITY without one.
 void resolveTile(const TileView& view, const RasterSpace& space, int outputChannels, float opacityThreshold,
-                 TileColors& out);
+                 bool midpointDepth, TileColors& out);
 
 }  // namespace fr::reyes

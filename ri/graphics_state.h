@@ -133,6 +133,7 @@ struct Options {
   double gain = 1, gamma = 1;
   ShaderPtr imager;
   QuantizeState quantizeColor, quantizeDepth{0, 0, 0, 0};
+  std::map<std::string, QuantizeState, std::less<>> quantizeOther;  ///< by the name of a shader variable
   std::vector<DisplayRequest> displays;
   std::vector<DisplayRequest> channels;  ///< DisplayChannel: name holds the declaration
   std::string hider = "hidden";

@@ -173,7 +173,7 @@ void StateRenderer::quantize(std::string type, int one, int min, int max, double
   } else if (type == "z") {
     state_.editOptions().quantizeDepth = q;
   } else {
-    reportHere(RiError::kBadToken, Severity::kError, fmt::format("Quantize \"{}\" is not known", type));
+    state_.editOptions().quantizeOther[type] = q;  // a variable that displays show
   }
 }
 

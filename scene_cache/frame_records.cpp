@@ -49,13 +49,53 @@ void setQuantize(const ri::QuantizeState& q, float out[4]) {
   out[0] = float(q.one), out[1] = float(q.min), out[2] = float(q.max), out[3] = q.dither;
 }
 
-DisplayRecord displayRecord(const ri::DisplayRequest& d, const ri::Options& o, SkeletonWriter& w) {
+/// "varying color foo" of DisplayChannel, by the name of the channel.
+const ri::DisplayRequest* findChannel(const ri::Options& o, std::string_view name) {
+  for (const ri::DisplayRequest& c : o.channels)
+    if (const auto t = ri::parseToken(c.name); t && t->name == name) return &c;
+  return nullptr;
+}
+
+/// The mode with the declarations of its channels put in; what channels say about quantisation, exposure and
+/// filter holds for the display unless it says so itself (the first channel that does, where they differ).
+void applyChannels(const ri::Options& o, ri::DisplayRequest* d) {
+  std::string mode;
+  for (size_t begin = 0; begin <= d->mode.size();) {
+    const size_t end = std::min(d->mode.find_first_of(",+", begin), d->mode.size());
+    std::string item = d->mode.substr(begin, end - begin);
+    const size_t first = item.find_first_not_of(" \t"), last = item.find_last_not_of(" \t");
+    item = first == std::string::npos ? "" : item.substr(first, last - first + 1);
+    begin = end + 1;
+    if (item.empty()) continue;
+    if (const ri::DisplayRequest* c = findChannel(o, item)) {
+      for (const char* name : {"quantize", "dither", "exposure", "filter"})
+        if (const ri::Param* p = c->params.find(name); p && !d->params.has(name)) d->params.set(*p);
+      if (const auto t = ri::parseToken(c->name); t && t->declaration) {
+        ri::Declaration plain = *t->declaration;
+        item = fmt::format("{}{} {}", ri::valueTypeName(plain.type),
+                           plain.isArray ? fmt::format("[{}]", plain.arrayLength) : "", t->name);
+      }
+    }
+    if (!mode.empty()) mode += ',';
+    mode += item;
+  }
+  d->mode = std::move(mode);
+}
+
+const ri::QuantizeState& quantizeOf(const ri::DisplayRequest& d, const ri::Options& o) {
+  if (d.mode == "z") return o.quantizeDepth;
+  const auto named = o.quantizeOther.find(std::string_view(d.mode).substr(d.mode.rfind(' ') + 1));
+  return named == o.quantizeOther.end() ? o.quantizeColor : named->second;
+}
+
+DisplayRecord displayRecord(ri::DisplayRequest d, const ri::Options& o, SkeletonWriter& w) {
+  applyChannels(o, &d);
   DisplayRecord r{};
   r.name = w.intern(d.name);
   r.type = w.intern(d.type);
   r.mode = w.intern(d.mode);
   r.params = w.addParams(d.params);
-  setQuantize(d.mode == "z" ? o.quantizeDepth : o.quantizeColor, r.quantize);
+  setQuantize(quantizeOf(d, o), r.quantize);
   // PRMan's per-display parameters: "quantize" is zero one min max.
   if (const ri::Param* q = d.params.find("quantize"); q && q->elementCount() >= 4)
     for (size_t i = 0; i < 3; ++i) r.quantize[i] = ri::toFloat(*q, r.quantize[i], i + 1);

@@ -273,6 +273,19 @@ bool ShadingSystem::isOpaque(cache::AttributeId attributes) const {
   return a.opacity == Color(1) && !s.opacityPrimvar && s.surface->exe->has(kProgramOpaque);
 }
 
+int ShadingSystem::outputComponents(std::string_view name) const {
+  for (const auto& s : impl_->setups) {
+    const ShadeSetup* setup = s.load(std::memory_order_acquire);
+    if (!setup || !setup->surface) continue;
+    const ShaderProgram& p = setup->surface->program();
+    if (const uint32_t i = p.findParameter(name); i != kNoIndex)
+      return int(p.symbols[p.parameters[i].symbol].floats());
+  }
+  for (size_t g = 0; g < size_t(GlobalId::kCount); ++g)
+    if (name == globalInfo(GlobalId(g)).name) return int(slTypeFloats(globalInfo(GlobalId(g)).type));
+  return 0;
+}
+
 uint32_t ShadingSystem::shadeGroup(cache::AttributeId attributes) const { return attributes; }
 
 cache::Displacer& ShadingSystem::displacer() { return *impl_->displacement; }

@@ -130,6 +130,9 @@ class ShadingSystem {
   /// Opacity is 1 wherever this object is hit, whatever its shader does (attribute state and program
   /// analysis).
   bool isOpaque(cache::AttributeId attributes) const;
+  /// Numbers in a value of the output variable or predefined variable `name` (ShadeTask::output), by the
+  /// surface shaders that are loaded; 0 when none of them knows it.
+  int outputComponents(std::string_view name) const;
   /// Same attribute state -> same shade batch; hits are grouped by this key.
   uint32_t shadeGroup(cache::AttributeId attributes) const;
   /// Runs displacement shaders for dicing; pass to SceneCache::setDisplacer.

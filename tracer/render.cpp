@@ -171,13 +171,18 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   trace.pattern = trace.adaptive ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed)
                                  : frameSamplePattern(skeleton, options.seed);
   trace.surfaces = cameraSurfaces(cache, shading);
+  trace.midpointDepth = frameDepthFilter(skeleton).midpoint;
+  if (trace.midpointDepth)  // what lies behind the first surface is wanted too
+    for (CameraSurface& s : trace.surfaces) s.opaque = false;
+  resolveOutputTypes(displays, [&](std::string_view name) { return shading.outputComponents(name); });
   trace.outputs = requiredOutputs(displays);
   trace.opacityThreshold = std::clamp(
       frameFloatOption(skeleton, skeleton.options().options, "limits:othreshold", 0.996f), 0.0f, 1.0f);
   trace.seed = options.seed;
 
   std::vector<ChannelRule> rules(size_t(kFixedChannels) + trace.outputs.size(), ChannelRule::kFiltered);
-  rules[kDepthChannel] = ChannelRule::kMinimum;
+  for (size_t i = 0; i < trace.outputs.size(); ++i) rules[size_t(kFixedChannels) + i] = trace.outputs[i].rule;
+  rules[kDepthChannel] = frameDepthFilter(skeleton).rule;
   Film film(geometry.crop, framePixelFilter(skeleton),
             frameBucketSize(skeleton, options.tileSize, trace.pattern.perPixel()), rules);
 

@@ -123,7 +123,7 @@ void TileTracer::add(const PixelRect& rect, uint32_t pixel, uint32_t sample, Tra
   p.seed = hashStep(hashStep(hashStep(frame_.seed, uint64_t(uint32_t(px)) << 32 | uint32_t(py)), sample),
                     0xca3e7a);
   p.slot = pixel * stride_ + sample;
-  p.steps = 0, p.seen = false, p.depth = kRiInfinity;
+  p.steps = 0, p.seen = p.second = false, p.depth = kRiInfinity;
   out.x[p.slot] = float(x), out.y[p.slot] = float(y);
   ++statistics_.samples;
   if (paths_.size() == kMostPaths) flush(out);
@@ -161,9 +161,7 @@ void TileTracer::flush(TracedTile& out) {
     going_.clear();
     for (const Order& o : order_) {
       Path& p = paths_[o.path];
-      if (std::max({p.through.x, p.through.y, p.through.z}) < 1 - frame_.opacityThreshold ||
-          p.steps >= kMaxSteps)
-        continue;
+      if ((isCovered(p) && (p.second || !frame_.midpointDepth)) || p.steps >= kMaxSteps) continue;
       scene->stepBehind(p.ray, p.hit);
       going_.push_back(o.path);
     }
@@ -171,19 +169,27 @@ void TileTracer::flush(TracedTile& out) {
   for (const Path& p : paths_) {
     for (size_t c = 0; c < 3; ++c) out.channels[c][p.slot] = p.color[int(c)];
     out.channels[size_t(kAlphaChannel)][p.slot] = (p.opacity.x + p.opacity.y + p.opacity.z) * (1.0f / 3);
-    out.channels[size_t(kDepthChannel)][p.slot] = p.depth;
+    out.channels[size_t(kDepthChannel)][p.slot] = frame_.midpointDepth && !p.second ? kRiInfinity : p.depth;
   }
   paths_.clear();
 }
 
+bool TileTracer::isCovered(const Path& p) const {
+  return std::max({p.through.x, p.through.y, p.through.z}) < 1 - frame_.opacityThreshold;
+}
+
 /// Puts a surface behind what the sample has met.
 void TileTracer::hideBehind(Path& p, const CameraSurface& surface, const Color& color, const Color& opacity) {
-  if (!surface.matte) {
+  if (!surface.matte && !isCovered(p)) {
     p.color += p.through * color;
     p.opacity += p.through * opacity;
   }
   p.through *= Color(1) - opacity;
   const bool shows = color != Color(0) || std::max({opacity.x, opacity.y, opacity.z}) > 0;
+  if (p.seen && shows && frame_.midpointDepth && !p.second) {
+    p.second = true;
+    p.depth = 0.5f * (p.depth + frame_.camera.depth(p.ray, p.hit.distance));
+  }
   if (p.seen || !shows) return;
   p.seen = true;
   p.depth = frame_.camera.depth(p.ray, p.hit.distance);

@@ -27,6 +27,7 @@ struct FrameTrace {
   std::vector<OutputChannel> outputs;
   std::optional<AdaptiveSampling> adaptive;
   float opacityThreshold = 0.996f;
+  bool midpointDepth = false;  // DepthFilter::midpoint; no surface counts as opaque then
   uint32_t seed = 0;
 };
 
@@ -55,6 +56,7 @@ class TileTracer {
     uint32_t slot;   // place in the tile's arrays
     uint32_t steps;  // surfaces met
     bool seen;       // a surface that shows was met: depth and output variables are its
+    bool second;     // midpoint depth: another one was met behind it
     float depth;
   };
   struct Order {
@@ -65,6 +67,8 @@ class TileTracer {
   /// Adds sample `sample` of pixel `pixel` of the tile to those to be traced, tracing when there are enough.
   void add(const PixelRect& rect, uint32_t pixel, uint32_t sample, TracedTile& out);
   void flush(TracedTile& out);
+  /// Nothing behind what the sample has met can be seen.
+  bool isCovered(const Path& path) const;
   void hideBehind(Path& path, const CameraSurface& surface, const Color& color, const Color& opacity);
   void shade(size_t first, size_t end, TracedTile& out);
   float pixelVariance(uint32_t pixel, uint32_t samples, const TracedTile& out) const;

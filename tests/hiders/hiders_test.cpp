@@ -164,6 +164,8 @@ const std::vector<Scene> kScenes = {
      "Sphere 1 -1 1 360\n"},
     {"Smooth", kPerspective, "ShadingInterpolation \"smooth\" Rotate 50 1 1 0 Torus 0.9 0.4 0 360 360\n"},
     {"Fog", kPerspective, "Atmosphere \"fog\" \"distance\" [4] \"background\" [0.2 0.3 0.6]\n" + kCube, {}},
+    {"Midpoint", kPerspective + "Hider \"hidden\" \"string depthfilter\" [\"midpoint\"]\n",
+     kCube + "Opacity [0.5 0.5 0.5] Translate 0 0.5 3 Torus 0.9 0.4 0 360 360\n"},
     {"CameraVisibility", kPerspective,
      "AttributeBegin Attribute \"render\" \"integer visibility\" [6] Sphere 1 -1 1 360 AttributeEnd\n"
      "Translate 0.4 0 0 Sphere 0.8 -0.8 0.8 360\n"},
