@@ -24,6 +24,7 @@ bool ShadingSystem::isOpaque(cache::AttributeId a) const {
   const Color o = impl_->cache.skeleton().attributes()[a].opacity;
   return o.x >= 1 && o.y >= 1 && o.z >= 1;
 }
+int ShadingSystem::outputComponents(std::string_view) const { return 0; }
 bool ShadingSystem::runImager(size_t, const float*, const float*, float* const[3], float* const[3], float*) {
   return false;
 }
