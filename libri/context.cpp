@@ -25,6 +25,11 @@ bool endsWith(std::string_view s, std::string_view end) { return s.ends_with(end
 
 Context* current() { return theCurrent; }
 
+Context& adopt(std::unique_ptr<Context> context) {
+  contexts().push_back(std::move(context));
+  return *(theCurrent = contexts().back().get());
+}
+
 Context* enter(const char* request) {
   if (!theCurrent) {
     complain(RiError::kNotStarted, Severity::kError, request, "RiBegin has not been called");
@@ -84,7 +89,10 @@ void Context::ifEnd() {
 // ---- handles ----------------------------------------------------------------------------------------------
 
 HandleRecord* Context::newHandle(HandleRecord::Kind kind, std::optional<ri::Handle> name) {
-  if (!name) name = ri::Handle{fmt::format("{}", ++numbers_), true};
+  if (!name) {
+    const std::string prefix = handlePrefix();
+    name = ri::Handle{fmt::format("{}{}", prefix, ++numbers_), prefix.empty()};
+  }
   handles_.push_back({kind, std::move(*name)});
   return &handles_.back();
 }
@@ -175,10 +183,11 @@ extern "C" {
 RtVoid RiBegin(RtToken name) {
   guarded("RiBegin", [&] {
     installErrorHandler();
+    if (theCurrent && !theCurrent->mayBeEnded())
+      return complain(RiError::kNesting, Severity::kError, "RiBegin", "inside of a procedural; ignored");
     Result<std::unique_ptr<Context>> c = Context::open(name, formatOfNext);
     if (!c) return complain(c.error().code, Severity::kSevere, "RiBegin", c.error().message);
-    contexts().push_back(std::move(*c));
-    theCurrent = contexts().back().get();
+    adopt(std::move(*c));
   });
 }
 
@@ -186,6 +195,8 @@ RtVoid RiEnd(void) {
   guarded("RiEnd", [&] {
     if (!theCurrent)
       return complain(RiError::kNotStarted, Severity::kError, "RiEnd", "RiBegin has not been called");
+    if (!theCurrent->mayBeEnded())
+      return complain(RiError::kNesting, Severity::kError, "RiEnd", "inside of a procedural; ignored");
     theCurrent->close();
     contexts().remove_if([](const auto& c) { return c.get() == theCurrent; });
     theCurrent = nullptr;

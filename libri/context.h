@@ -43,6 +43,8 @@ class Context {
   bool recording() const { return recorder_ != nullptr; }
   /// RiEnd: finishes everything.
   virtual void close() = 0;
+  /// False: RiBegin and RiEnd are not this program's to call.
+  virtual bool mayBeEnded() const { return true; }
 
   /// Option "rib" inside the context; false: too late, or nothing is written.
   virtual bool setFormat(RibFormat) { return false; }
@@ -60,6 +62,8 @@ class Context {
   void elseBranch();
   void ifEnd();
 
+  /// What the numbers of handles stand behind; not empty: handles are strings.
+  virtual std::string handlePrefix() const { return {}; }
   HandleRecord* newHandle(HandleRecord::Kind kind, std::optional<ri::Handle> name = {});
   /// nullptr, with RIE_BADHANDLE, for what is no handle of this kind from this context.
   const HandleRecord* findHandle(const char* request, const void* handle, HandleRecord::Kind kind) const;

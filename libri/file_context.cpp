@@ -6,14 +6,13 @@
 namespace fr::libri {
 namespace {
 
-class FileContext final : public Context {
+class FileContext final : public WritingContext {
  public:
   FileContext(std::string path, RibFormat format) : path_(std::move(path)), format_(format) {}
 
   Result<void> open() { return file_.open(path_, format_.gzip); }
 
   ri::StateRenderer& state() override { return state_; }
-  bool writes() const override { return true; }
 
   bool setFormat(RibFormat f) override {
     if (writer_) return false;
@@ -32,19 +31,6 @@ class FileContext final : public Context {
       complain(r.error().code, Severity::kSevere, "RiEnd", r.error().message);
     state_.finish();
   }
-
-  void readArchive(const std::string& name, ri::ParamList params, RtArchiveCallback) override {
-    renderer().readArchive(name, std::move(params));
-  }
-  void verbatim(std::string text) override {
-    // RIB writes lines; the text may bring its own end of line.
-    while (text.ends_with('\n')) text.pop_back();
-    renderer().archiveRecord(ri::RecordKind::kVerbatim, std::move(text));
-  }
-  void archiveBegin(ri::Handle name, ri::ParamList params) override {
-    renderer().archiveBegin(std::move(name), std::move(params));
-  }
-  void archiveEnd() override { renderer().archiveEnd(); }
 
  protected:
   ri::Renderer& renderer() override {

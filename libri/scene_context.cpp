@@ -6,6 +6,7 @@
 #include "ri/reader.h"
 #include "ri/rib_writer.h"
 #include "scene_cache/rib_stream.h"
+#include "tools/shader_rays.h"
 #include "tools/texture_requests.h"
 
 namespace fr::libri {
@@ -27,6 +28,7 @@ class Scene final : public cache::SceneBuilder {
 cache::LoadOptions loadOptions() {
   cache::LoadOptions o;
   o.makeTexture = tools::makeRequestedTexture;
+  o.asksRays = tools::shaderRays({}, {});
   // The current folder: what "beside the RIB" is to a program.
   o.overrides.textureFolders.emplace_back(".");
   return o;
@@ -45,7 +47,7 @@ class SceneContext final : public Context {
             loadOptions(), [](cache::Frame&& f) { return renderWorld(std::move(f)), true; },
             cache::environmentPaths()),
         reader_(scene_, readerOptions()) {
-    scene_.setArchiveReader([this](const std::string& name) { return reader_.readArchive(name); });
+    scene_.setReader(&reader_);
   }
 
   ri::StateRenderer& state() override { return scene_; }

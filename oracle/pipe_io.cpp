@@ -2,45 +2,17 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <pthread.h>
-#include <signal.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
 
+#include "shm/no_sigpipe.h"
+
 namespace fr {
 namespace {
 
 constexpr int kPipeBytes = 1 << 20;
-
-/// Blocks SIGPIPE for this thread and takes back one that was raised meanwhile.
-class NoSigpipe {
- public:
-  NoSigpipe() {
-    ::sigemptyset(&set_);
-    ::sigaddset(&set_, SIGPIPE);
-    sigset_t pending;
-    ::sigpending(&pending);
-    pendingBefore_ = ::sigismember(&pending, SIGPIPE) == 1;
-    ::pthread_sigmask(SIG_BLOCK, &set_, &before_);
-  }
-  NoSigpipe(const NoSigpipe&) = delete;
-  NoSigpipe& operator=(const NoSigpipe&) = delete;
-  ~NoSigpipe() {
-    if (raised_ && !pendingBefore_) {
-      const timespec none{};
-      while (::sigtimedwait(&set_, nullptr, &none) < 0 && errno == EINTR) {
-      }
-    }
-    ::pthread_sigmask(SIG_SETMASK, &before_, nullptr);
-  }
-  void raised() { raised_ = true; }
-
- private:
-  sigset_t set_, before_;
-  bool pendingBefore_ = false, raised_ = false;
-};
 
 }  // namespace
 
@@ -53,7 +25,7 @@ Result<PipePair> makePipe() {
 }
 
 Result<void> writePipe(int fd, std::span<const std::byte> bytes) {
-  NoSigpipe guard;
+  shm::NoSigpipe guard;
   while (!bytes.empty()) {
     const ssize_t n = ::write(fd, bytes.data(), bytes.size());
     if (n > 0) {

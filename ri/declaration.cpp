@@ -289,6 +289,8 @@ const ContextBuiltIn kInContext[] = {
     {"caustic", "refractioncolor", kCol},
     {"caustic", "refractionindex", kF},
     {"procedural", "immediatesubdivide", kI},
+    {"procedural", "patience", kF},
+    {"procedural", "detail", kF},
 };
 
 }  // namespace

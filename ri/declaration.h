@@ -64,9 +64,12 @@ class Dictionary {
   /// `context` is what the parameter belongs to: the name of an option or attribute category
   /// ("displacementbound"), or "Display", "Hider", "Projection"; may be empty.
   std::optional<Declaration> find(std::string_view name, std::string_view context = {}) const;
+  using Declarations = std::map<std::string, Declaration, std::less<>>;
+  /// What Declare has said so far.
+  const Declarations& declared() const { return user_; }
 
  private:
-  std::map<std::string, Declaration, std::less<>> user_;
+  Declarations user_;
 };
 
 }  // namespace fr::ri

@@ -92,6 +92,18 @@ bool GraphicsState::inside(BlockKind kind) const {
   return std::any_of(stack_.begin(), stack_.end(), [&](const Saved& s) { return s.kind == kind; });
 }
 
+bool GraphicsState::mayEnd(BlockKind kind) const {
+  return std::any_of(stack_.begin() + ptrdiff_t(std::min(floor_, stack_.size())), stack_.end(),
+                     [&](const Saved& s) { return s.kind == kind; });
+}
+
+void GraphicsState::setScope(const Scope& scope) {
+  // Nobody writes to a state that someone else holds: editAttributes() copies it first.
+  attributes_ = std::const_pointer_cast<AttributeState>(scope.attributes);
+  ctm_ = scope.ctm;
+  scopedSpaces_ = scope.scopedSpaces;
+}
+
 std::optional<BlockKind> GraphicsState::top() const {
   if (stack_.empty()) return std::nullopt;
   return stack_.back().kind;
@@ -151,6 +163,8 @@ void GraphicsState::pop() {
 Result<void> GraphicsState::end(BlockKind kind) {
   if (!inside(kind))
     return makeError(RiError::kNesting, "{}End without {}Begin", blockName(kind), blockName(kind));
+  if (!mayEnd(kind))
+    return makeError(RiError::kNesting, "{}End for a block that was open before; ignored", blockName(kind));
   if (stack_.back().kind == kind) {
     pop();
     return {};

@@ -13,6 +13,7 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -79,6 +80,7 @@ struct AttributeState {
   bool matte = false;
   std::optional<Bound> bound;
   std::optional<Bound> detail;
+  TransformPtr boundSpace, detailSpace;  ///< CTM at the request: the space of these bounds to world space
   std::array<float, 4> detailRange{0, 0, kRiInfinity, kRiInfinity};
   float flatness = 0.5f, motionFactor = 1, focusFactor = 1;
   bool reversed = false;  ///< orientation is opposite to the handedness of object space
@@ -157,7 +159,16 @@ enum class BlockKind : uint8_t {
 const char* blockName(BlockKind k);  ///< "World" of WorldBegin/WorldEnd
 
 class GraphicsState {
+  using SpaceMap = std::map<std::string, PlacedTransform, std::less<>>;
+
  public:
+  /// What is in force at one place of the world, to be put in force again later in the same world.
+  struct Scope {
+    AttributePtr attributes;
+    TransformPtr ctm;
+    std::shared_ptr<const SpaceMap> scopedSpaces;
+  };
+
   GraphicsState();
 
   // Blocks. begin() saves what the block saves; end() restores it and closes forgotten inner blocks when a
@@ -169,6 +180,11 @@ class GraphicsState {
   int depth() const { return int(stack_.size()); }
   /// The innermost open block.
   std::optional<BlockKind> top() const;
+  /// The blocks that are open now cannot be ended until the floor is back where it was. Returns that place.
+  size_t raiseFloor() { return std::exchange(floor_, stack_.size()); }
+  void restoreFloor(size_t floor) { floor_ = floor; }
+  /// False when the innermost block of this kind is below the floor, or there is none.
+  bool mayEnd(BlockKind kind) const;
 
   // Reading. The pointers keep their objects alive and unchanged.
   const Options& options() const { return options_; }
@@ -181,6 +197,7 @@ class GraphicsState {
   TransformPtr worldToCamera() const { return worldToCamera_; }
   const std::vector<LightInstance>& lights() const { return lights_; }
   int frame() const { return frame_; }
+  Scope scope() const { return {attributes_, ctm_, scopedSpaces_}; }
 
   // Writing.
   Options& editOptions() { return options_; }
@@ -189,6 +206,8 @@ class GraphicsState {
   void setCtm(Transform t) { ctm_ = std::make_shared<const Transform>(std::move(t)); }
   void concatenate(const Transform& t);
   void setFrame(int n) { frame_ = n; }
+  /// Inside a block that will end: the current attributes, transformation and scoped spaces are replaced.
+  void setScope(const Scope& scope);
 
   /// Saves the screen transform and restarts the CTM as camera space (RISpec 3.2, "Projection").
   void setProjection(std::string name, ParamList params);
@@ -208,7 +227,6 @@ class GraphicsState {
   Result<TransformPtr> toWorld(const PlacedTransform& t) const;
 
  private:
-  using SpaceMap = std::map<std::string, PlacedTransform, std::less<>>;
   struct Saved {
     BlockKind kind;
     AttributePtr attributes;
@@ -228,6 +246,7 @@ class GraphicsState {
   SpaceMap spaces_;
   std::shared_ptr<const SpaceMap> scopedSpaces_;
   std::vector<Saved> stack_;
+  size_t floor_ = 0;  // blocks of the stack that cannot be ended now
   int frame_ = 0;
 };
 

@@ -47,10 +47,13 @@ Lexer::Lexer(std::unique_ptr<Input> input, std::string name, int firstLine)
   cur_ = end_ = buffer_.get();
   buffer_[0] = 0;
   line_ = firstLine;
-  // A UTF-8 byte order mark is not a binary token.
-  while (end_ - cur_ < 3 && refill(cur_)) {
+  // A UTF-8 byte order mark is not a binary token. No more is read than it takes to know: a program whose whole
+  // answer is the end mark waits for the next question.
+  static constexpr char kMark[] = "\xef\xbb\xbf";
+  const auto have = [this] { return size_t(std::min<ptrdiff_t>(end_ - cur_, 3)); };
+  while (have() < 3 && std::memcmp(cur_, kMark, have()) == 0 && refill(cur_)) {
   }
-  if (end_ - cur_ >= 3 && std::memcmp(cur_, "\xef\xbb\xbf", 3) == 0) cur_ += 3;
+  if (have() == 3 && std::memcmp(cur_, kMark, 3) == 0) cur_ += 3;
 }
 Lexer::~Lexer() = default;
 

@@ -197,6 +197,24 @@ Result<void> checkTags(const SubdivisionMesh& m) {
   return {};
 }
 
+/// a * b, or the largest number.
+uint64_t product(uint64_t a, uint64_t b) {
+  uint64_t r = 0;
+  return __builtin_mul_overflow(a, b, &r) ? ~uint64_t(0) : r;
+}
+
+/// Whether "P", "Pw" or "Pz" holds places: so many numbers each, one place a vertex. Older files call points
+/// vectors, and arrays of as many floats do no harm.
+bool holdsPositions(const Param& p, const ValueCounts& counts) {
+  const Declaration& d = p.declaration;
+  if (d.type == ValueType::kString || d.type == ValueType::kInteger || d.type == ValueType::kMatrix)
+    return false;
+  if (d.storage == StorageClass::kConstant || d.storage == StorageClass::kUniform) return false;
+  if (counts.of(d.storage) != counts.vertex) return false;
+  const bool rational = p.name == "Pw" || (p.name == "P" && d.type == ValueType::kHpoint);
+  return d.width() == (rational ? 4u : p.name == "P" ? 3u : 1u);
+}
+
 ValueCounts allEqual(uint64_t n) {
   ValueCounts c;
   c.varying = c.vertex = c.faceVarying = n;
@@ -359,16 +377,20 @@ Result<PrimitiveCheck> checkPrimitive(Primitive& p, BasisSteps steps) {
         std::holds_alternative<NuPatch>(p) && v.declaration.storage == StorageClass::kUniform;
     const bool perPointOrOne =
         std::holds_alternative<Points>(p) && v.declaration.storage == StorageClass::kUniform;
-    bool fits = actual == expected * width;
+    const bool isPosition = v.name == "P" || v.name == "Pw" || v.name == "Pz";
+    if (isPosition && needsPositions(p) && !holdsPositions(v, *counts))
+      return inconsistent("{}: \"{} {}\" does not say where the vertices are", name, v.declaration.str(),
+                          v.name);
+    bool fits = actual == product(expected, width);
     if (!fits && perSegmentOrOne) fits = actual == width;
-    if (!fits && perPointOrOne) fits = actual == counts->vertex * width;
+    if (!fits && perPointOrOne) fits = actual == product(counts->vertex, width);
     if (fits) {
       ++i;
       continue;
     }
     Error e = inconsistent("{}: \"{} {}\" has {} numbers, expected {} ({} values of {})", name,
-                           v.declaration.str(), v.name, actual, expected * width, expected, width);
-    if (v.name == "P" || v.name == "Pw" || v.name == "Pz") return e;
+                           v.declaration.str(), v.name, actual, product(expected, width), expected, width);
+    if (isPosition) return e;
     check.dropped.push_back(std::move(e));
     list.erase(list.begin() + ptrdiff_t(i));
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 
 #include "ri/request_parser.h"
 #include "ri/search_path.h"
@@ -26,8 +27,10 @@ Result<void> Reader::nested(std::string canonical, Lexer& lexer) {
     return makeError(RiError::kLimit, "\"{}\" reads itself", lexer.fileName());
   }
   open_.push_back(std::move(canonical));
+  place_.reset();
   Result<void> r = run(lexer);
   open_.pop_back();
+  place_.reset();
   return r;
 }
 
@@ -61,6 +64,25 @@ Result<void> Reader::readDescriptor(int fd, std::string name) {
   return nested(fmt::format("descriptor:{}", fd), lexer);
 }
 
+Result<void> Reader::readInput(std::unique_ptr<Input> input, std::string name) {
+  Lexer lexer(std::move(input), std::move(name));
+  return nested(fmt::format("input:{}", inputs_++), lexer);
+}
+
+Reader::Place Reader::place() {
+  if (!place_) place_ = std::make_shared<const std::vector<std::string>>(open_);
+  return place_;
+}
+
+Result<void> Reader::at(const Place& place, const std::function<Result<void>()>& f) {
+  std::vector<std::string> outer = std::exchange(open_, *place);
+  place_ = place;
+  Result<void> r = f();
+  open_ = std::move(outer);
+  place_.reset();
+  return r;
+}
+
 Result<void> Reader::readArchive(const std::string& name) {
   if (const auto it = inlineArchives_.find(name); it != inlineArchives_.end()) {
     const std::shared_ptr<InlineArchive> archive = it->second;  // lives on if it is recorded anew meanwhile
@@ -74,7 +96,11 @@ Result<void> Reader::readArchive(const std::string& name) {
   folders.insert(folders.end(), options_.archivePath.begin(), options_.archivePath.end());
   folders.emplace_back(".");
   // Where the main file is: archives often lie beside it, wherever the program was started.
-  if (!open_.empty()) folders.push_back(std::filesystem::path(open_.back()).parent_path().string());
+  for (auto outer = open_.rbegin(); outer != open_.rend(); ++outer)
+    if (outer->starts_with('/')) {  // the others are no files
+      folders.push_back(std::filesystem::path(*outer).parent_path().string());
+      break;
+    }
   const std::string path = findFile(name, folders);
   if (path.empty()) {
     return makeError(RiError::kNoFile, "archive \"{}\" was not found in {}", name, fmt::join(folders, ":"));

@@ -1,6 +1,7 @@
 // Reads RIB and calls a Renderer: files, memory, standard input; archives, inline archives, conditional RIB.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <set>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "ri/input.h"
 #include "ri/lexer.h"
 #include "ri/renderer.h"
 
@@ -65,6 +67,16 @@ class Reader {
   /// As the request ReadArchive: an inline archive of that name, or a file found along the search path.
   Result<void> readArchive(const std::string& name);
 
+  /// Any other source, until its end or byte 0377; `name` stands for it in messages.
+  Result<void> readInput(std::unique_ptr<Input> input, std::string name);
+
+  /// What is being read at the moment, outermost first: where archives are looked for, and which would be
+  /// loops.
+  using Place = std::shared_ptr<const std::vector<std::string>>;
+  Place place();
+  /// Calls f() as it would have been called there.
+  Result<void> at(const Place& place, const std::function<Result<void>()>& f);
+
   /// As ArchiveBegin ... ArchiveEnd with this text between them.
   void defineArchive(const std::string& name, std::string text);
 
@@ -81,6 +93,8 @@ class Reader {
   ReaderOptions options_;
   std::map<std::string, std::shared_ptr<InlineArchive>, std::less<>> inlineArchives_;
   std::vector<std::string> open_;  // canonical names of what is being read, outermost first
+  Place place_;                    // a copy of open_, or null
+  uint64_t inputs_ = 0;
   std::set<std::string, std::less<>> warned_;
   int complaints_ = 0;
   std::string substitution_;

@@ -145,10 +145,14 @@ void StateRenderer::matte(bool on) {
   if (attributeAllowed("Matte")) state_.editAttributes().matte = on;
 }
 void StateRenderer::bound(const Bound& b) {
-  if (attributeAllowed("Bound")) state_.editAttributes().bound = b;
+  if (!attributeAllowed("Bound") || !motionSample("Bound")) return;
+  AttributeState& a = state_.editAttributes();
+  a.bound = b, a.boundSpace = state_.shareCtm();
 }
 void StateRenderer::detail(const Bound& b) {
-  if (attributeAllowed("Detail")) state_.editAttributes().detail = b;
+  if (!attributeAllowed("Detail") || !motionSample("Detail")) return;
+  AttributeState& a = state_.editAttributes();
+  a.detail = b, a.detailSpace = state_.shareCtm();
 }
 
 void StateRenderer::detailRange(double offLow, double onLow, double onHigh, double offHigh) {

@@ -48,6 +48,36 @@ void StateRenderer::finish() {
 
 void StateRenderer::closeBlock(BlockKind kind) { check(state_.end(kind)); }
 
+void StateRenderer::within(const GraphicsState::Scope& scope, const std::function<void()>& read) {
+  if (!check(state_.begin(BlockKind::kAttribute))) return;
+  const int depth = state_.depth();
+  const size_t floor = state_.raiseFloor();
+  state_.setScope(scope);
+  read();
+  if (motion_) {
+    reportHere(RiError::kNesting, Severity::kError, "MotionBegin without MotionEnd");
+    motionEnd();
+  }
+  while (state_.depth() > depth) {
+    const BlockKind open = *state_.top();
+    reportHere(RiError::kNesting, Severity::kError,
+               fmt::format("{}Begin without {}End", blockName(open), blockName(open)));
+    switch (open) {
+      case BlockKind::kObject:
+        objectEnd();
+        break;
+      case BlockKind::kSolid:
+        solidEnd();
+        break;
+      default:
+        closeBlock(open);
+        break;
+    }
+  }
+  state_.restoreFloor(floor);
+  closeBlock(BlockKind::kAttribute);
+}
+
 void StateRenderer::frameBegin(int number) {
   if (!check(state_.begin(BlockKind::kFrame))) return;
   state_.setFrame(number);
@@ -55,6 +85,8 @@ void StateRenderer::frameBegin(int number) {
 }
 
 void StateRenderer::frameEnd() {
+  if (state_.inside(BlockKind::kFrame) && !state_.mayEnd(BlockKind::kFrame))
+    return closeBlock(BlockKind::kFrame);
   if (state_.inWorld()) {
     reportHere(RiError::kNesting, Severity::kError, "FrameEnd inside a World block; the world ends here");
     worldEnd();
@@ -68,6 +100,7 @@ void StateRenderer::worldBegin() {
 }
 
 void StateRenderer::worldEnd() {
+  if (state_.inWorld() && !state_.mayEnd(BlockKind::kWorld)) return closeBlock(BlockKind::kWorld);
   if (motion_) {
     reportHere(RiError::kNesting, Severity::kError, "WorldEnd inside a Motion block; the motion ends here");
     motionEnd();
@@ -113,7 +146,7 @@ void StateRenderer::solidBegin(std::string operation) {
 }
 
 void StateRenderer::solidEnd() {
-  if (state_.top() == BlockKind::kSolid) {
+  if (state_.top() == BlockKind::kSolid && state_.mayEnd(BlockKind::kSolid)) {
     if (object_) {
       addShape({RetainedObject::SolidStop{}, nullptr, location()});
     } else {

@@ -3,6 +3,7 @@
 // implements the hooks.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -189,6 +190,10 @@ class StateRenderer : public Renderer {
   /// One instance. The default calls onPrimitive and onProcedural for every shape of the object.
   virtual void onInstance(const RetainedObject& object, const AttributePtr& attributes,
                           const TransformPtr& objectToWorld);
+
+  /// Calls `read` inside an attribute block of its own with `scope` in force. It cannot end what was open
+  /// before; what it leaves open is reported and ended. Only inside a world, outside motion and objects.
+  void within(const GraphicsState::Scope& scope, const std::function<void()>& read);
 
   /// Reports only the first time that this message comes up in this renderer.
   void reportOnceHere(RiError code, Severity severity, std::string message);

@@ -20,7 +20,7 @@ Result<void> readStream(SceneBuilder& builder, std::span<const RibInput> inputs,
   for (const RibInput& in : inputs)
     if ((in.sides & side) && in.path != "-") options.archivePath.push_back(folderOf(in.path));
   ri::Reader reader(builder, options);
-  builder.setArchiveReader([&](const std::string& name) { return reader.readArchive(name); });
+  builder.setReader(&reader);
   std::optional<Error> first;
   for (const RibInput& in : inputs) {
     if (!(in.sides & side)) continue;
@@ -37,7 +37,7 @@ Result<void> readStream(SceneBuilder& builder, std::span<const RibInput> inputs,
     }
   }
   builder.finish();
-  builder.setArchiveReader({});
+  builder.setReader(nullptr);
   if (first) return std::move(*first);
   return {};
 }

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "scene_cache/building_world.h"
 #include "scene_cache/frame_records.h"
 #include "scene_cache/primitive.h"
 #include "scene_cache/teapot.h"
@@ -14,24 +15,6 @@ namespace fr::cache {
 Frame::~Frame() {
   if (fd_ >= 0) close(fd_);
 }
-
-/// The world that is being built.
-struct SceneBuilder::World {
-  World(SkeletonWriter& w, FrameCounts& c, const ri::GraphicsState& state, bool cameraMirrored,
-        const LoadOptions& options)
-      : writer(w), counts(c), records(w, state, cameraMirrored, options.overrides.shadingRate) {}
-  SkeletonWriter& writer;
-  FrameCounts& counts;
-  AttributeRecords records;
-};
-/// A world that becomes a frame here.
-struct SceneBuilder::OwnWorld {
-  explicit OwnWorld(SkeletonWriter w) : writer(std::move(w)) {}
-  SkeletonWriter writer;
-  FrameCounts counts;
-  int number = 0;
-  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-};
 
 SceneBuilder::SceneBuilder(const LoadOptions& options, FrameCallback onFrame, PathLists standardPaths,
                            WorldFiller* filler)
@@ -82,6 +65,7 @@ void SceneBuilder::onWorldBegin() {
 
 void SceneBuilder::onWorldEnd() {
   if (world_) {
+    expandWaiting();
     for (const auto& [name, place] : state().namedSpaces())
       if (auto t = state().toWorld(place)) world_->writer.addNamedSpace(name, world_->records.transform(*t));
     world_->counts.lights += world_->records.lightCount();
@@ -117,8 +101,14 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   const ri::Primitive& primitive = source.samples.front();
   if (const auto* g = std::get_if<ri::Geometry>(&primitive); g && g->type == "teapot") return teapot(p);
   if (p.attributes->deformation) notImplemented("Deformation", "surfaces keep their shape", source.location);
-  if (p.attributes->detail)
-    notImplemented("DetailRange", "every representation is rendered", source.location);
+  if (!inDetailRange(*p.attributes)) {
+    ++w.counts.otherDetail;
+    return;
+  }
+  if (boundedOut(p)) {
+    outOfView_.emplace_back(p, sides_);
+    return;
+  }
 
   for (const DMat4& m : p.objectToWorld->matrices)
     for (int c = 0; c < 4; ++c)
@@ -193,29 +183,6 @@ void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
     source->location = p.source->location;
     onPrimitive({source, p.attributes, p.objectToWorld});
   }
-}
-
-void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
-  if (!adding()) return;
-  if (p.source && p.source->kind == ri::ProceduralKind::kDelayedReadArchive && !p.source->data.empty() &&
-      readArchive_) {
-    // Read at once: the bound only says when it would be needed.
-    StateRenderer::attributeBegin();
-    state().setCtm(*p.objectToWorld);
-    auto r = readArchive_(p.source->data[0]);
-    StateRenderer::attributeEnd();
-    if (!r) {
-      Error e = std::move(r).error();
-      if (e.where.file.empty()) e.where = p.location;
-      report(std::move(e).context("Procedural \"DelayedReadArchive\""));
-      ++world_->counts.dropped;
-    }
-    return;
-  }
-  ++world_->counts.dropped;
-  notImplemented(
-      p.source && !p.source->subdivide.empty() ? "Procedural \"" + p.source->subdivide + "\"" : "Procedural",
-      "left out", p.location);
 }
 
 void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,

@@ -4,6 +4,7 @@
 // mapping of attributes stands in attribute_records.h, that of camera and options in frame_records.h.
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -11,9 +12,13 @@
 #include <string>
 #include <utility>
 
+#include "ri/reader.h"
 #include "ri/state_renderer.h"
 #include "scene_cache/attribute_records.h"
+#include "scene_cache/procedural_programs.h"
+#include "scene_cache/procedural_request.h"
 #include "scene_cache/scene_loader.h"
+#include "scene_cache/screen_extent.h"
 #include "scene_cache/skeleton_writer.h"
 
 namespace fr::cache {
@@ -47,9 +52,9 @@ class SceneBuilder : public ri::StateRenderer {
 
   /// Which renderer sees what is read from now on (RibInput::sides).
   void setSides(uint8_t sides) { sides_ = sides; }
-  /// How the archives of procedurals are read; without it they are left out. The function is called in the
-  /// midst of a request, with the state of the procedural in force.
-  void setArchiveReader(std::function<Result<void>(const std::string&)> f) { readArchive_ = std::move(f); }
+  /// Who reads what procedurals expand to: the reader that feeds this builder, with its inline archives.
+  /// Without one they are left out.
+  void setReader(ri::Reader* reader) { reader_ = reader; }
   /// True when the callback asked to stop or the error handler "abort" was triggered: everything is read
   /// over.
   bool stopped() const { return stopped_; }
@@ -74,13 +79,39 @@ class SceneBuilder : public ri::StateRenderer {
   /// False between worlds, in frames that are read over, and for common files in the tracer's stream: the
   /// image's stream has added their geometry.
   bool adding() const { return world_ && !(source_ && (sides_ & kForReyes)); }
+  /// A procedural of this world that has not been expanded yet.
+  struct Waiting {
+    std::shared_ptr<const ri::Procedural> source;
+    ProceduralRequest request;
+    ri::GraphicsState::Scope scope;
+    ri::Reader::Place place;
+    SourceLocation location;
+    uint8_t sides = 0;
+  };
+  ScreenExtent extentOf(const ri::Transform& objectToWorld, const ri::Bound& bound) const;
+  /// RISpec 3.2, "Detail": whether geometry made under these attributes is the representation for this
+  /// picture. Where two blend, the nearer one is taken: one of them, whatever their number.
+  bool inDetailRange(const ri::AttributeState& a) const;
+  /// Whether the Bound in force says that no camera ray meets the primitive, and it may wait until it is
+  /// known whether others can.
+  bool boundedOut(const ri::PlacedPrimitive& p) const;
+  /// Whether any shader of the world that is being built can ask for rays.
+  bool raysArePossible() const;
+  void expandWaiting();
+  void expand(const Waiting& p, double detail, bool collect);
+  Result<void> expandNow(const Waiting& p, double detail, bool collect);
+  Result<void> askProgram(const Waiting& p, ProceduralPrograms::Question question, bool collect);
   void deliver();
   void teapot(const ri::PlacedPrimitive& p);
   void notImplemented(std::string_view request, std::string_view consequence, const SourceLocation& where);
 
   LoadOptions options_;
   FrameCallback onFrame_;
-  std::function<Result<void>(const std::string&)> readArchive_;
+  ri::Reader* reader_ = nullptr;
+  std::deque<Waiting> waiting_;
+  std::vector<std::pair<ri::PlacedPrimitive, uint8_t>> outOfView_;  // with their sides
+  bool everythingIsSeen_ = false;  // this world has shaders that ask for rays
+  ProceduralPrograms programs_;
   WorldFiller* filler_ = nullptr;
   WorldSource* source_ = nullptr;  // not null: the tracer's stream
   uint8_t sides_ = kForReyes | kForTracer;

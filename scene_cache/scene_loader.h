@@ -64,6 +64,10 @@ struct LoadOptions {
   std::function<void(ri::MakeKind, const ri::MakeTextureArgs&, const std::vector<std::string>& folders,
                      const SourceLocation& where)>
       makeTexture;
+  /// Whether the shader of this name, searched in `folders` first, can ask for rays. Procedurals that no
+  /// camera ray can meet are opened only if some shader of the world can. Not set: all are opened, for guests
+  /// that ask about everything.
+  std::function<bool(const std::string& shader, const std::vector<std::string>& folders)> asksRays;
   /// Compute the skeletons' checksums (for files; not needed between processes).
   bool checksum = false;
 };
@@ -73,8 +77,12 @@ struct FrameCounts {
   uint64_t primitives = 0;  ///< RI requests that became objects
   uint64_t dropped = 0;     ///< requests that could not (reported)
   uint64_t lights = 0;
-  uint64_t instances = 0;  ///< ObjectInstance requests
-  double seconds = 0;      ///< from WorldBegin to the finished skeleton
+  uint64_t instances = 0;            ///< ObjectInstance requests
+  uint64_t procedurals = 0;          ///< that were expanded
+  uint64_t proceduralsUnopened = 0;  ///< that nobody can see
+  uint64_t outOfBound = 0;           ///< primitives that nobody can see, by their Bound
+  uint64_t otherDetail = 0;          ///< primitives and procedurals that are for another detail
+  double seconds = 0;                ///< from WorldBegin to the finished skeleton
 };
 
 /// One world, ready to render.

@@ -255,6 +255,7 @@ ShaderId SkeletonWriter::addShader(const ShaderRecord& record) {
 }
 
 ShaderRecord& SkeletonWriter::shader(ShaderId id) { return impl_->shaders[id]; }
+uint32_t SkeletonWriter::shaderCount() const { return uint32_t(impl_->shaders.size()); }
 
 Slice SkeletonWriter::addLightList(std::span<const ShaderId> lights) {
   return impl_->addRun(Content::kLightList, impl_->lightLists, lights, "entries in light lists");

@@ -103,6 +103,7 @@ class SkeletonWriter {
   /// Number shared by the objects that may be pieces of one surface.
   uint32_t surfaceGroup(AttributeId attributes, TransformId transform);
   ShaderRecord& shader(ShaderId id);  ///< to be completed later (areaLightObject)
+  uint32_t shaderCount() const;
 
   // ---- geometry
   // ------------------------------------------------------------------------------------------------

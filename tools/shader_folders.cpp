@@ -25,9 +25,16 @@ void appendList(std::vector<std::string>& folders, std::string_view list) {
 
 std::vector<std::string> shaderFolders(std::string_view first, const cache::Skeleton& skeleton,
                                        std::span<const cache::RibInput> inputs) {
+  std::vector<std::string> scene;
+  if (!skeleton.searchPaths().empty()) appendList(scene, skeleton.string(skeleton.searchPaths()[0]));
+  return shaderFolders(first, scene, inputs);
+}
+
+std::vector<std::string> shaderFolders(std::string_view first, std::span<const std::string> scene,
+                                       std::span<const cache::RibInput> inputs) {
   std::vector<std::string> folders;
   appendList(folders, first);
-  if (!skeleton.searchPaths().empty()) appendList(folders, skeleton.string(skeleton.searchPaths()[0]));
+  for (const std::string& folder : scene) append(folders, folder);
   for (std::string& folder : shaderPathFromEnvironment()) append(folders, std::move(folder));
   for (const cache::RibInput& input : inputs) {
     const std::filesystem::path folder = std::filesystem::path(input.path).parent_path();

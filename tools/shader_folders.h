@@ -16,4 +16,8 @@ namespace fr::tools {
 std::vector<std::string> shaderFolders(std::string_view first, const cache::Skeleton& skeleton,
                                        std::span<const cache::RibInput> inputs);
 
+/// The same before there is a skeleton; `scene`: the scene's own search path.
+std::vector<std::string> shaderFolders(std::string_view first, std::span<const std::string> scene,
+                                       std::span<const cache::RibInput> inputs);
+
 }  // namespace fr::tools

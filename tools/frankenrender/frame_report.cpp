@@ -46,12 +46,17 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("compile shaders", "{:.3f}  ({} loaded, {} compiled)", shading.compileSeconds,
            shading.shadersLoaded, shading.shadersCompiled);
   if (shading.textureFiles > 0)
-    out.line("textures", "{} files, {} lookups, {} read, {} held", shading.textureFiles, shading.textureLookups,
-             mebibytes(shading.textureBytesRead), mebibytes(shading.textureMemory));
+    out.line("textures", "{} files, {} lookups, {} read, {} held", shading.textureFiles,
+             shading.textureLookups, mebibytes(shading.textureBytesRead), mebibytes(shading.textureMemory));
   out.title(" geometry");
   if (load)
     out.line("primitives", "{}{}", load->primitives,
              load->dropped ? fmt::format("  ({} could not be used)", load->dropped) : std::string());
+  if (load && load->procedurals + load->proceduralsUnopened > 0)
+    out.line("procedurals", "{} expanded, {} never opened", load->procedurals, load->proceduralsUnopened);
+  if (load && load->outOfBound + load->otherDetail > 0)
+    out.line("left out", "{} outside the frame by their Bound, {} for another detail", load->outOfBound,
+             load->otherDetail);
   out.line("root patches", "{}  ({} outside the frame)", frame.rootPatches, frame.rootPatchesCulled);
   out.line("patches culled", "{} outside, {} hidden", frame.nodesCulledOutside, frame.nodesCulledHidden);
   out.line("grids diced", "{}  ({} micropolygons, {} splits)", cache.gridsDiced, cache.micropolygonsDiced,

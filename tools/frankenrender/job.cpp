@@ -19,6 +19,7 @@
 #include "tools/frankenrender/frame_report.h"
 #include "tools/frankenrender/progress_bar.h"
 #include "tools/shader_folders.h"
+#include "tools/shader_rays.h"
 #include "tools/texture_requests.h"
 #include "tracer/inproc_oracle.h"
 #include "tracer/pipe_oracle.h"
@@ -154,6 +155,7 @@ int runJob(const CommandLine& c) {
     }
     cache::LoadOptions load = c.load;
     load.makeTexture = makeRequestedTexture;
+    load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
       return !abortRequested();

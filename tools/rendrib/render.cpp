@@ -14,6 +14,7 @@
 #include "tools/rendrib/command_line.h"
 #include "tools/rendrib/trace_report.h"
 #include "tools/shader_folders.h"
+#include "tools/shader_rays.h"
 #include "tools/texture_requests.h"
 
 namespace fr::tools {
@@ -137,6 +138,7 @@ int runScenes(RendribCommandLine c) {
       for (const cache::RibInput& i : c.inputs)
         say(fmt::format("reading {}", i.path == "-" ? "standard input" : i.path));
     c.load.makeTexture = makeRequestedTexture;
+    c.load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
       return !abortRequested();

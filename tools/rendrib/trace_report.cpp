@@ -40,6 +40,12 @@ std::string TraceReport::text(int frameNumber) const {
     line("primitives",
          fmt::format("{}{}", load->primitives,
                      load->dropped ? fmt::format("  ({} could not be used)", load->dropped) : std::string()));
+  if (load && load->procedurals + load->proceduralsUnopened > 0)
+    line("procedurals",
+         fmt::format("{} expanded, {} never opened", load->procedurals, load->proceduralsUnopened));
+  if (load && load->outOfBound + load->otherDetail > 0)
+    line("left out", fmt::format("{} outside the frame by their Bound, {} for another detail",
+                                 load->outOfBound, load->otherDetail));
   line("grids diced", fmt::format("{}  ({} micropolygons)", cache.gridsDiced, cache.micropolygonsDiced));
   line("ray scene", fmt::format("{} grids, {} meshlets, {} quads, {} triangles", t.grids, t.meshlets, t.quads,
                                 t.triangles));
