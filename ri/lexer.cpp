@@ -47,8 +47,8 @@ Lexer::Lexer(std::unique_ptr<Input> input, std::string name, int firstLine)
   cur_ = end_ = buffer_.get();
   buffer_[0] = 0;
   line_ = firstLine;
-  // A UTF-8 byte order mark is not a binary token. No more is read than it takes to know: a program whose whole
-  // answer is the end mark waits for the next question.
+  // A UTF-8 byte order mark is not a binary token. No more is read than it takes to know: a program whose
+  // whole answer is the end mark waits for the next question.
   static constexpr char kMark[] = "\xef\xbb\xbf";
   const auto have = [this] { return size_t(std::min<ptrdiff_t>(end_ - cur_, 3)); };
   while (have() < 3 && std::memcmp(cur_, kMark, have()) == 0 && refill(cur_)) {
@@ -377,9 +377,14 @@ bool Lexer::convertOne(const char*& p, std::vector<T>& to) {
 
 template <class T>
 bool Lexer::readNumbersAs(std::vector<T>& to) {
-  // Numbers are shorter than this; nearer to the end of the window more is read first, so that a number is
-  // never cut in two.
+  // Numbers are shorter than this; nearer to the end of the window more is read first when the next number
+  // may go on behind it. No more than that: a program at the other end of a pipe may have said everything.
   constexpr ptrdiff_t kLongest = 512;
+  const auto cutAtEnd = [this](const char* p) {
+    while (p < end_ && classOf(*p) == kBlank) ++p;
+    while (p < end_ && (classOf(*p) == kWordChar || *p == '#')) ++p;
+    return p == end_;
+  };
   for (;;) {
     const char* p = cur_;
     const char* const safe = end_ - kLongest;
@@ -392,7 +397,7 @@ bool Lexer::readNumbersAs(std::vector<T>& to) {
       if (classOf(c) != kWordChar || !convertOne(p, to)) break;
     }
     cur_ = p;
-    if (p >= safe && !atEnd_) {
+    if (p >= safe && !atEnd_ && cutAtEnd(p)) {
       refill(p);
       continue;
     }

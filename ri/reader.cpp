@@ -64,8 +64,10 @@ Result<void> Reader::readDescriptor(int fd, std::string name) {
   return nested(fmt::format("descriptor:{}", fd), lexer);
 }
 
-Result<void> Reader::readInput(std::unique_ptr<Input> input, std::string name) {
+Result<void> Reader::readInput(std::unique_ptr<Input> input, std::string name,
+                               std::shared_ptr<BinaryTables> tables) {
   Lexer lexer(std::move(input), std::move(name));
+  if (tables) lexer.setTables(std::move(tables));
   return nested(fmt::format("input:{}", inputs_++), lexer);
 }
 

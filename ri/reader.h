@@ -67,8 +67,10 @@ class Reader {
   /// As the request ReadArchive: an inline archive of that name, or a file found along the search path.
   Result<void> readArchive(const std::string& name);
 
-  /// Any other source, until its end or byte 0377; `name` stands for it in messages.
-  Result<void> readInput(std::unique_ptr<Input> input, std::string name);
+  /// Any other source, until its end or byte 0377; `name` stands for it in messages. `tables`: what earlier
+  /// pieces of the same binary stream have defined.
+  Result<void> readInput(std::unique_ptr<Input> input, std::string name,
+                         std::shared_ptr<BinaryTables> tables = nullptr);
 
   /// What is being read at the moment, outermost first: where archives are looked for, and which would be
   /// loops.

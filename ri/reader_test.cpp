@@ -466,6 +466,27 @@ TEST(Reader, DescriptorEndsAtMarker) {
   EXPECT_EQ(rib, "Sides 1\n");
 }
 
+TEST(Reader, NothingIsAwaitedBehindTheMarker) {
+  // Whatever stands last in an answer: its reader must not wait for more than the program will say.
+  for (const char* last :
+       {"", "Sides 1", "Color [1 0 0]\n", "Translate 1 2 3", "Declare \"a\" \"uniform string\"",
+        "Procedural \"DelayedReadArchive\" [\"a\\n\"] [0 1 0 1 0 1]",
+        "PointsPolygons [3] [0 1 2] \"P\" [0 0 0 1 0 0 0 1 0]", "# nothing\n"}) {
+    int fds[2];
+    ASSERT_EQ(::pipe(fds), 0);
+    const std::string text = std::string(last) + "\377";
+    ASSERT_EQ(::write(fds[1], text.data(), text.size()), ssize_t(text.size()));
+    ::alarm(20);  // the test fails by dying if it waits
+    NullRenderer nothing;
+    Reader r(nothing);
+    ReportCapture reports;
+    EXPECT_TRUE(r.readDescriptor(fds[0], "program").ok());
+    EXPECT_EQ(reports.str(), "") << last;
+    ::alarm(0);
+    ::close(fds[0]), ::close(fds[1]);
+  }
+}
+
 TEST(Reader, ConditionalRib) {
   const auto p = parse(
       "IfBegin \"1 > 2\" Sides 1 IfBegin \"1\" Sides 1 IfEnd ElseIf \"2 == 2\" Sides 2 IfBegin \"0\" Sides 1 "

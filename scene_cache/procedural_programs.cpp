@@ -18,6 +18,8 @@ using Clock = std::chrono::steady_clock;
 struct ProceduralPrograms::Running {
   shm::ChildProcess process;
   shm::FileDescriptor input, output;  // our ends
+  std::shared_ptr<ri::BinaryTables> tables =
+      std::make_shared<ri::BinaryTables>();  // one stream, many answers
 };
 
 /// The conversation of one question: writes what is left of it while it waits for the answer, since a program
@@ -126,8 +128,7 @@ Result<void> ProceduralPrograms::start(const Question& question, Program* progra
   return {};
 }
 
-Result<void> ProceduralPrograms::ask(const Question& question,
-                                     const std::function<Result<void>(std::unique_ptr<ri::Input>)>& read) {
+Result<void> ProceduralPrograms::ask(const Question& question, const Read& read) {
   FR_CHECK(!question.command.empty());
   Program& program = programs_[question.command];
   if (program.failuresInARow >= kMostFailures)
@@ -137,7 +138,7 @@ Result<void> ProceduralPrograms::ask(const Question& question,
     if (Result<void> r = start(question, &program); !r) return ++program.failuresInARow, r;
 
   Answer answer(*program.running, question);
-  const Result<void> result = read(std::make_unique<AnswerInput<Answer>>(answer));
+  const Result<void> result = read(std::make_unique<AnswerInput<Answer>>(answer), program.running->tables);
   if (result && !answer.ended() && !answer.silent()) {
     program.failuresInARow = 0;
     return {};

@@ -11,6 +11,7 @@
 
 #include "base/error.h"
 #include "ri/input.h"
+#include "ri/lexer.h"
 
 namespace fr::cache {
 
@@ -37,11 +38,14 @@ class ProceduralPrograms {
   ProceduralPrograms(const ProceduralPrograms&) = delete;
   ProceduralPrograms& operator=(const ProceduralPrograms&) = delete;
 
-  /// Calls `read` with the answer, which it must read up to 0377 or its end; returns its error if it has one
-  /// (the program is ended then: nobody knows where its next answer would begin). kNoFile: there is no such
-  /// program; kSystem: it failed, with how; a warning of kMissingData: it left without a word.
-  Result<void> ask(const Question& question,
-                   const std::function<Result<void>(std::unique_ptr<ri::Input>)>& read);
+  /// Receives an answer, and what earlier answers of the same process have defined for binary RIB. Must read
+  /// up to 0377 or the end.
+  using Read =
+      std::function<Result<void>(std::unique_ptr<ri::Input>, std::shared_ptr<ri::BinaryTables> tables)>;
+  /// Calls `read` with the answer; returns its error if it has one (the program is ended then: nobody knows
+  /// where its next answer would begin). kNoFile: there is no such program; kSystem: it failed, with how; a
+  /// warning of kMissingData: it left without a word.
+  Result<void> ask(const Question& question, const Read& read);
 
   /// Processes started so far.
   uint64_t started() const { return started_; }

@@ -175,16 +175,17 @@ Result<void> SceneBuilder::expandNow(const Waiting& p, double detail, bool colle
 Result<void> SceneBuilder::askProgram(const Waiting& p, ProceduralPrograms::Question question, bool collect) {
   const std::string name = fmt::format("<{}>", p.request.name);
   if (!collect)
-    return programs_.ask(question, [&](std::unique_ptr<ri::Input> input) {
-      return reader_->readInput(std::move(input), name);
+    return programs_.ask(question, [&](auto input, auto tables) {
+      return reader_->readInput(std::move(input), name, std::move(tables));
     });
   // The whole answer is taken before anything of it is obeyed: what it holds may ask the same program.
   std::string text;
   ri::RibWriter writer([&text](std::string_view part) { text += part; });
   writer.dictionary() = dictionary();
   ri::Reader copier(writer, ri::ReaderOptions::rewriting());
-  const Result<void> r = programs_.ask(
-      question, [&](std::unique_ptr<ri::Input> input) { return copier.readInput(std::move(input), name); });
+  const Result<void> r = programs_.ask(question, [&](auto input, auto tables) {
+    return copier.readInput(std::move(input), name, std::move(tables));
+  });
   writer.flush();
   const Result<void> read = reader_->readBuffer(text, name);
   return r ? read : r;

@@ -10,7 +10,8 @@ namespace {
 
 const std::string kHead =
     "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 48 36 1\nPixelSamples 2 2\nPixelFilter \"box\" 1 1\n"
-    "Projection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nDeclare \"note\" \"varying float\"\n";
+    "Projection \"perspective\" \"fov\" [40]\nTranslate 0 0 5\nOption \"procedural\" \"patience\" "
+    "20\nDeclare \"note\" \"varying float\"\n";
 const std::string kBefore =
     "LightSource \"distantlight\" 1\nSurface \"plastic\"\nColor [1 0.5 0.25]\n"
     "Basis \"b-spline\" 1 \"b-spline\" 1\nRotate 20 0 1 0\n";
@@ -79,7 +80,7 @@ TEST_P(Procedural, ASharedObjectThatCrashesOrIsNoneCostsItsOwnGeometryAlone) {
   Outcome o;
   EXPECT_EQ(render("Procedural \"DynamicLoad\" [\"" + object() + "\" \"crash\"]" + bound + rest, &o), direct);
   EXPECT_EQ(o.exitCode, 1);
-  EXPECT_NE(o.err.find("scene.rib:14"), std::string::npos) << o.err;
+  EXPECT_NE(o.err.find("scene.rib:15"), std::string::npos) << o.err;
   EXPECT_NE(o.err.find("killed by signal 11"), std::string::npos) << o.err;
   EXPECT_EQ(render("Procedural \"DynamicLoad\" [\"./text.so\" \"\"]" + bound + rest, &o), direct);
   EXPECT_NE(o.err.find("ended with status 1"), std::string::npos) << o.err;
