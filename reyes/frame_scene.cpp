@@ -28,17 +28,30 @@ TileRange tilesOf(const RasterBounds& b, const Film& film) {
 }  // namespace
 
 RootBins::RootBins(const cache::SceneCache& cache, const RasterSpace& space,
-                   const std::vector<SurfaceTraits>& traits, const Film& film) {
+                   const std::vector<SurfaceTraits>& traits, const cache::SolidForest& solids,
+                   const Film& film) {
   const auto objects = cache.skeleton().objects();
   const auto patches = cache.skeleton().rootPatches();
   const long long manyTiles = std::max(64, film.tileCount() / 4);
   std::vector<TileRange> ranges;
   std::vector<uint32_t> counts(size_t(film.tileCount()) + 1, 0);
+  // Of a solid whose surface is nowhere seen nothing is needed.
+  std::vector<uint8_t> treeSeen(solids.treeCount(), 0);
+  if (!solids.empty())
+    for (const cache::ObjectRecord& object : objects)
+      if (const cache::SolidId leaf = cache::solidOf(object); leaf != cache::kNone)
+        treeSeen[solids.treeOf(leaf)] |= traits[object.attributes].visible;
+  for (uint32_t tree = 0; tree < treeSeen.size(); ++tree)
+    if (space.bounds(solids.bound(tree)).outside) treeSeen[tree] = 0;
   for (const cache::ObjectRecord& object : objects) {
-    if (!(object.sides & cache::kForReyes) || !traits[object.attributes].visible) continue;
-    // One test for a whole object that is out of sight.
+    const cache::SolidId leaf = cache::solidOf(object);
+    const uint32_t tree = leaf == cache::kNone ? cache::kNone : solids.treeOf(leaf);
+    const bool visible = tree == cache::kNone ? traits[object.attributes].visible : treeSeen[tree] != 0;
+    if (!(object.sides & cache::kForReyes) || !visible) continue;
+    // One test for a whole object that is out of sight. Solids count what lies behind the far plane.
+    const auto outside = [&](const RasterBounds& b) { return tree == cache::kNone ? b.outside : b.before; };
     const RasterBounds all = space.bounds(object.bound);
-    if (all.outside || tilesOf(all, film).count() == 0) {
+    if (outside(all) || tilesOf(all, film).count() == 0) {
       culled_ += object.patchCount;
       continue;
     }
@@ -46,12 +59,12 @@ RootBins::RootBins(const cache::SceneCache& cache, const RasterSpace& space,
       const cache::NodeId node = object.firstPatch + i;
       const RasterBounds b = space.bounds(patches[node].bound);
       const TileRange range = tilesOf(b, film);
-      if (b.outside || range.count() == 0) {
+      if (outside(b) || range.count() == 0) {
         ++culled_;
         continue;
       }
       const auto index = uint32_t(roots_.size());
-      roots_.push_back({node, b});
+      roots_.push_back({node, tree, b});
       ranges.push_back(range);
       if (range.count() > manyTiles) {
         large_.push_back(index);

@@ -7,6 +7,7 @@
 #include "reyes/raster_space.h"
 #include "reyes/sample_buffer.h"
 #include "scene_cache/cache.h"
+#include "scene_cache/solids.h"
 #include "shading/shading_system.h"
 
 namespace fr::reyes {
@@ -23,16 +24,18 @@ struct SurfaceTraits {
 /// Root patches by the tiles they may cover. Immutable once made; thread-safe.
 class RootBins {
  public:
-  /// Bounds every root patch that the camera can see and that is made for the REYES side.
+  /// Bounds every root patch that the camera can see and that is made for the REYES side. Of solids, also
+  /// what cannot be seen but shapes what can.
   RootBins(const cache::SceneCache& cache, const RasterSpace& space, const std::vector<SurfaceTraits>& traits,
-           const Film& film);
-  /// Calls f(NodeId, const RasterBounds&) for the root patches that may cover the tile.
+           const cache::SolidForest& solids, const Film& film);
+  /// Calls f(NodeId, const RasterBounds&, uint32_t tree) for the root patches that may cover the tile; tree:
+  /// of solids, or kNone.
   template <class F>
   void forTile(int tile, const PixelRect& rect, F&& f) const {
     for (uint32_t i = starts_[size_t(tile)]; i < starts_[size_t(tile) + 1]; ++i)
-      f(roots_[entries_[i]].node, roots_[entries_[i]].bounds);
+      f(roots_[entries_[i]].node, roots_[entries_[i]].bounds, roots_[entries_[i]].tree);
     for (uint32_t i : large_)
-      if (roots_[i].bounds.overlaps(rect)) f(roots_[i].node, roots_[i].bounds);
+      if (roots_[i].bounds.overlaps(rect)) f(roots_[i].node, roots_[i].bounds, roots_[i].tree);
   }
   uint64_t culled() const { return culled_; }
   size_t count() const { return roots_.size(); }
@@ -40,6 +43,7 @@ class RootBins {
  private:
   struct Root {
     cache::NodeId node;
+    uint32_t tree;
     RasterBounds bounds;
   };
   std::vector<Root> roots_;
@@ -54,6 +58,7 @@ struct FrameScene {
   SamplePattern pattern;
   std::vector<SurfaceTraits> traits;  // by AttributeId
   const RootBins* roots = nullptr;
+  const cache::SolidForest* solids = nullptr;
 };
 
 std::vector<SurfaceTraits> surfaceTraits(const cache::SceneCache& cache, const ShadingSystem& shading);

@@ -31,7 +31,7 @@ RasterSpace::RasterSpace(const cache::CameraRecord& camera, const DMat4& cacheTo
 RasterBounds RasterSpace::bounds(const Box3f& box) const {
   RasterBounds r{-kInfinity, -kInfinity, kInfinity, kInfinity, -kInfinity, false};
   if (box.empty()) {
-    r.outside = true;
+    r.outside = r.before = true;
     return r;
   }
   float zMin = kInfinity, zMax = -kInfinity;
@@ -46,14 +46,15 @@ RasterBounds RasterSpace::bounds(const Box3f& box) const {
   // Rounding of a coordinate of the largest size that occurs, a few times over.
   const float slack = 4e-6f * std::max(std::abs(zMin), std::abs(zMax));
   zMin -= slack, zMax += slack;
-  r.outside = zMax < near_ || zMin > far_;
+  r.before = zMax < near_;
+  r.outside = r.before || zMin > far_;
   // Written so that NaN counts as "through the near plane".
   if (!(zMin > near_) || !(x0 <= x1) || !(y0 <= y1)) {
     r.key = perspective_ ? -kInfinity : zMin;
     return r;
   }
   const float margin = 1.0f + 1e-5f * std::max({std::abs(x0), std::abs(x1), std::abs(y0), std::abs(y1)});
-  return {x0 - margin, y0 - margin, x1 + margin, y1 + margin, key(zMin), r.outside};
+  return {x0 - margin, y0 - margin, x1 + margin, y1 + margin, key(zMin), r.outside, r.before};
 }
 
 }  // namespace fr::reyes

@@ -20,8 +20,9 @@ inline constexpr float kGuardBand = 30000.0f;
 /// Conservative image of a box.
 struct RasterBounds {
   float x0, y0, x1, y1;
-  float key;  // not greater than any depth key in the box
-  bool outside = false;
+  float key;             // not greater than any depth key in the box
+  bool outside = false;  // nothing of it can be seen
+  bool before = false;   // all of it lies before the near plane
 
   bool overlaps(const PixelRect& r) const {
     return x1 >= float(r.x0) && x0 <= float(r.x1) && y1 >= float(r.y0) && y0 <= float(r.y1);

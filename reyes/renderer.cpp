@@ -79,7 +79,9 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
     for (SurfaceTraits& t : scene.traits) t.opaque = false;
   const int bucketSize = frameBucketSize(skeleton, options.bucketSize, scene.pattern.perPixel());
   Film film(geometry.crop, framePixelFilter(skeleton), bucketSize, rules);
-  const RootBins roots(cache, scene.space, scene.traits, film);
+  const cache::SolidForest solids(skeleton);
+  scene.solids = &solids;
+  const RootBins roots(cache, scene.space, scene.traits, solids, film);
   scene.roots = &roots;
   ShadedGrids shaded(film);
 

@@ -57,64 +57,104 @@ void TileHider::consider(cache::NodeId node, TileView& view) {
 
 void TileHider::hide(int tile, const PixelRect& rect, TileView& view) {
   const auto start = Clock::now();
-  double resolving = 0;
+  resolving_ = 0;
   view.tile = tile;
   view.samples.reset(rect, scene_.pattern, scene_.space.farKey());
   view.grids.clear(), view.ranks.clear(), view.fragments.clear(), view.firstFragment.clear();
   heap_.clear();
-  scene_.roots->forTile(tile, rect, [&](cache::NodeId node, const RasterBounds& b) {
-    if (b.overlaps(rect))
+  solids_.begin();
+  scene_.roots->forTile(tile, rect, [&](cache::NodeId node, const RasterBounds& b, uint32_t tree) {
+    if (!b.overlaps(rect))
+      ++statistics_.nodesCulledTile;
+    else if (tree == cache::kNone)
       heap_.push_back({b.key, node});
     else
-      ++statistics_.nodesCulledTile;
+      solids_.addRoot(tree, node);
+  });
+  solids_.forTrees([&](uint32_t tree) {
+    const RasterBounds b = scene_.space.bounds(scene_.solids->bound(tree));
+    if (!b.outside && b.overlaps(rect)) heap_.push_back({b.key, tree, true});
   });
   std::make_heap(heap_.begin(), heap_.end());
   while (!heap_.empty()) {
     std::pop_heap(heap_.begin(), heap_.end());
     const cache::NodeId node = heap_.back().node;
+    const bool isSolid = heap_.back().isSolid;
     heap_.pop_back();
+    if (isSolid) {
+      drawSolid(node, view);
+      continue;
+    }
     // What was drawn since the node was found may hide it.
     const RasterBounds b = scene_.space.bounds(scene_.cache->node(node).bound);
     if (view.samples.hides(b)) {
       ++statistics_.nodesCulledHidden;
       continue;
     }
-    const auto before = Clock::now();
-    const cache::ResolvedNode resolved = scene_.cache->resolve(node);
-    resolving += secondsSince(before);
-    switch (resolved.state) {
-      case cache::NodeState::kSplit:
-        ++statistics_.nodesSplit;
-        for (cache::NodeId child : resolved.children) consider(child, view);
-        break;
-      case cache::NodeState::kGrid:
-        drawGrid(node, *resolved.grid, view);
-        break;
-      case cache::NodeState::kEmpty:
-      case cache::NodeState::kBuilding:
-        ++statistics_.nodesLost;
-        break;
-    }
+    const cache::ResolvedNode resolved = resolve(node);
+    if (resolved.state == cache::NodeState::kSplit)
+      for (cache::NodeId child : resolved.children) consider(child, view);
+    else if (resolved.state == cache::NodeState::kGrid)
+      drawGrid(node, *resolved.grid, view);
   }
   markSeen(view);
   statistics_.fragments += view.fragments.size();
-  statistics_.resolveSeconds += resolving;
-  statistics_.drawSeconds += secondsSince(start) - resolving;
+  statistics_.resolveSeconds += resolving_;
+  statistics_.drawSeconds += secondsSince(start) - resolving_;
+}
+
+cache::ResolvedNode TileHider::resolve(cache::NodeId node) {
+  const auto start = Clock::now();
+  const cache::ResolvedNode resolved = scene_.cache->resolve(node);
+  resolving_ += secondsSince(start);
+  statistics_.nodesSplit += resolved.state == cache::NodeState::kSplit;
+  statistics_.nodesLost +=
+      resolved.state == cache::NodeState::kEmpty || resolved.state == cache::NodeState::kBuilding;
+  return resolved;
+}
+
+/// All of a tree at once: whether one part shows depends on the others. Only as a whole is it hidden.
+void TileHider::drawSolid(uint32_t tree, TileView& view) {
+  const PixelRect& rect = view.samples.rect();
+  if (view.samples.hides(scene_.space.bounds(scene_.solids->bound(tree)))) {
+    ++statistics_.nodesCulledHidden;
+    return;
+  }
+  stack_.clear();
+  solids_.forRoots(tree, [&](cache::NodeId root) { stack_.push_back(root); });
+  while (!stack_.empty()) {
+    const cache::NodeId node = stack_.back();
+    stack_.pop_back();
+    const RasterBounds b = scene_.space.bounds(scene_.cache->node(node).bound);
+    if (b.before || !b.overlaps(rect)) {
+      ++statistics_.nodesCulledTile;
+      continue;
+    }
+    const cache::ResolvedNode resolved = resolve(node);
+    if (resolved.state == cache::NodeState::kSplit)
+      stack_.insert(stack_.end(), resolved.children, resolved.children + 2);
+    else if (resolved.state == cache::NodeState::kGrid)
+      drawGrid(node, *resolved.grid, view);
+  }
+  if (solids_.resolve(view)) view.samples.touched(0, 0, rect.width() - 1, rect.height() - 1);
 }
 
 void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view) {
   const PixelRect& rect = view.samples.rect();
   if (grid.flags & cache::kGridAbsent) return;
+  const cache::ObjectRecord& object = scene_.cache->objectOf(node);
+  const cache::SolidId solid = cache::solidOf(object);
+  const bool isSolid = solid != cache::kNone;
   const RasterBounds boxBounds = scene_.space.bounds(grid.bound);
-  if (boxBounds.outside || !boxBounds.overlaps(rect)) {
+  if ((isSolid ? boxBounds.before : boxBounds.outside) || !boxBounds.overlaps(rect)) {
     ++statistics_.gridsCulledTile;
     return;
   }
-  if (view.samples.hides(boxBounds)) {
+  if (!isSolid && view.samples.hides(boxBounds)) {
     ++statistics_.gridsCulledHidden;
     return;
   }
-  if (view.grids.size() >= kMaxSlots) {
+  if (view.grids.size() + 2 > kMaxSlots) {
     reportOnce("grids of a bucket",
                makeError(RiError::kLimit, "more than {} grids in one bucket", kMaxSlots));
     return;
@@ -131,14 +171,15 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
 
   TileGrid entry;
   entry.node = node, entry.record = &grid, entry.indices = v.indices;
-  entry.traits = scene_.traits[scene_.cache->objectOf(node).attributes];
+  entry.traits = scene_.traits[object.attributes];
+  entry.solid = solid, entry.shows = !isSolid || entry.traits.visible;
   projectGrid(scene_.space, v.positions, columns, rows, rowStride, rect, entry.projected);
   const RasterBounds& b = entry.projected.bounds;
   if (b.outside || !b.overlaps(rect)) {
     ++statistics_.gridsCulledTile;
     return;
   }
-  if (view.samples.hides(b)) {
+  if (!isSolid && view.samples.hides(b)) {
     ++statistics_.gridsCulledHidden;
     return;
   }
@@ -146,7 +187,15 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   const auto slot = uint32_t(view.grids.size());
   view.grids.push_back(std::move(entry));
   view.ranks.push_back(patchRank(scene_.cache->node(node)));
-  const TileGrid& g = view.grids.back();
+  // The side of a one-sided solid that is not seen is crossed all the same: it gets a slot of its own.
+  const bool hasUnseenSide = isSolid && view.grids.back().traits.cullSign != 0;
+  if (hasUnseenSide) {
+    TileGrid unseen;
+    unseen.node = node, unseen.record = &grid, unseen.solid = solid, unseen.shows = false;
+    view.grids.push_back(std::move(unseen));
+    view.ranks.push_back(view.ranks.back());
+  }
+  const TileGrid& g = view.grids[slot];
 
   RasterTriangles triangles;
   triangles.x = g.projected.x.data(), triangles.y = g.projected.y.data(),
@@ -162,30 +211,40 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   target.columns = rect.width(), target.rows = rect.height();
   target.perPixel = samples.perPixel(), target.rowStride = samples.rowStride();
   target.x = samples.x.data(), target.y = samples.y.data();
-  target.depth = samples.depth.data(), target.hit = samples.hit.data();
+  target.depth = isSolid ? solids_.unlimited(samples.size()) : samples.depth.data();
+  target.hit = samples.hit.data();
   target.slotRank = view.ranks.data();
   const bool trimmed = grid.flags & cache::kGridTrimmed;
-  const size_t firstFragment = view.fragments.size();
+  const bool hides = g.traits.opaque && !trimmed && !isSolid;
+  std::vector<Fragment>& fragments = isSolid ? solids_.crossings() : view.fragments;
+  const size_t firstFragment = fragments.size();
   const auto draw = [&](const RasterTriangles& t) {
-    if (g.traits.opaque && !trimmed) {
+    if (hides) {
       rasterise_(t, 0, target);
       return;
     }
     size_t room = kFragmentRoom;
     for (uint32_t next = 0; next < t.triangleCount;) {
-      const size_t have = view.fragments.size();
-      view.fragments.resize(have + room);
-      target.fragments = view.fragments.data() + have;
+      const size_t have = fragments.size();
+      fragments.resize(have + room);
+      target.fragments = fragments.data() + have;
       target.fragmentCapacity = room, target.fragmentCount = 0;
       const uint32_t stopped = rasterise_(t, next, target);
-      view.fragments.resize(have + target.fragmentCount);
+      fragments.resize(have + target.fragmentCount);
       if (stopped == next) room *= 2;  // one triangle covers more samples than there was room for
       next = stopped;
     }
   };
-  draw(triangles);
-  if (g.projected.anyClipped)
-    drawClipped(scene_.space, v.positions, columns, rowStride, rect, g.projected, triangles, draw);
+  const auto drawAll = [&] {
+    draw(triangles);
+    if (g.projected.anyClipped)
+      drawClipped(scene_.space, v.positions, columns, rowStride, rect, g.projected, triangles, draw);
+  };
+  drawAll();
+  if (hasUnseenSide) {
+    triangles.slot = slot + 1, triangles.cullSign = -triangles.cullSign;
+    drawAll();
+  }
   if (trimmed) {
     const cache::PatchTrim trim = scene_.cache->trimOf(node);
     const cache::PatchNode& place = scene_.cache->node(node);
@@ -194,12 +253,10 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
                                       samples.y[f.sample], scene_.space.perspective());
       return trim.removed(uv.x, uv.y);
     };
-    view.fragments.erase(
-        std::remove_if(view.fragments.begin() + ptrdiff_t(firstFragment), view.fragments.end(), cut),
-        view.fragments.end());
+    fragments.erase(std::remove_if(fragments.begin() + ptrdiff_t(firstFragment), fragments.end(), cut),
+                    fragments.end());
   }
-  if (g.traits.opaque && !trimmed && target.column1 >= 0)
-    samples.touched(target.column0, target.row0, target.column1, target.row1);
+  if (hides && target.column1 >= 0) samples.touched(target.column0, target.row0, target.column1, target.row1);
   statistics_.micropolygonsTested += target.trianglesTested / (meshlet ? 1 : 2);
 }
 

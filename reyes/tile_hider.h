@@ -6,6 +6,7 @@
 #include "reyes/frame_scene.h"
 #include "reyes/grid_projection.h"
 #include "reyes/shaded_grids.h"
+#include "reyes/tile_solids.h"
 
 namespace fr::reyes {
 
@@ -22,6 +23,8 @@ struct TileGrid {
   const uint8_t* indices = nullptr;  // of a meshlet
   SurfaceTraits traits;
   ProjectedGrid projected;
+  cache::SolidId solid = cache::kNone;  // leaf that it bounds
+  bool shows = true;  // false: of a solid, a side or an object that is not seen but shapes what is
   bool seen = false;  // by a sample, so that its colours are needed
   ShadedGrid* shaded = nullptr;
 };
@@ -39,7 +42,8 @@ struct TileView {
 /// One per thread.
 class TileHider {
  public:
-  explicit TileHider(const FrameScene& scene) : scene_(scene), rasterise_(rasterFunction()) {}
+  explicit TileHider(const FrameScene& scene)
+      : scene_(scene), rasterise_(rasterFunction()), solids_(*scene.solids) {}
   /// Fills `view` for the pixels `rect`, and marks the grids whose colours are needed.
   void hide(int tile, const PixelRect& rect, TileView& view);
   const HiderStatistics& statistics() const { return statistics_; }
@@ -47,16 +51,22 @@ class TileHider {
  private:
   struct Candidate {
     float key;
-    cache::NodeId node;
+    cache::NodeId node;  // or, of solids, the tree
+    bool isSolid = false;
     bool operator<(const Candidate& o) const { return key != o.key ? key > o.key : node > o.node; }
   };
   void consider(cache::NodeId node, TileView& view);
   void drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view);
+  void drawSolid(uint32_t tree, TileView& view);
+  cache::ResolvedNode resolve(cache::NodeId node);
   void markSeen(TileView& view);
 
   const FrameScene& scene_;
   RasterFunction rasterise_;
   std::vector<Candidate> heap_;
+  std::vector<cache::NodeId> stack_;
+  TileSolids solids_;
+  double resolving_ = 0;
   HiderStatistics statistics_;
 };
 

@@ -48,6 +48,7 @@ ObjectRecord Adding::object(PrimitiveType type, const ri::ParamList& params) {
   o.attributes = desc.attributes;
   o.transform = desc.transform;
   o.surfaceGroup = desc.surfaceGroup;
+  o.solidPlus1 = desc.solid + 1;  // kNone: 0
   o.locationFile = desc.locationFile;
   o.locationLine = desc.locationLine;
   std::vector<ParamRecord> records;

@@ -247,7 +247,8 @@ float AttributeRecords::displacementBound(const ri::AttributeState& a,
   return float(std::min(radius * stretch, double(kRiInfinity)));
 }
 
-AttributeId AttributeRecords::attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld) {
+AttributeId AttributeRecords::attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld,
+                                         bool subtracted) {
   const AttributeRecord* known = states_.find(a);
   AttributeRecord r = known ? *known : states_.add(a, baseRecord(*a, true));
   r.displacementBound = displacementBound(*a, objectToWorld);
@@ -258,6 +259,8 @@ AttributeId AttributeRecords::attributes(const ri::AttributePtr& a, const ri::Tr
   const bool objectMirrored = objectToWorld && isMirrored(objectToWorld->matrices.front());
   if (a->reversed != objectMirrored) r.flags |= kReverseInCacheSpace;
   if (a->reversed != (objectMirrored != cameraMirrored_)) r.flags |= kReverseOrientation;
+  // The outside of a hole is the inside of what made it.
+  if (subtracted) r.flags = (r.flags | kSubtracted) ^ (kReverseInCacheSpace | kReverseOrientation);
   return writer_.addAttributes(r);
 }
 

@@ -50,7 +50,9 @@ class AttributeRecords {
 
   TransformId transform(const ri::TransformPtr& t);
   /// The state `a` for a primitive with this transform: displacement bound in world units, orientation.
-  AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld);
+  /// `subtracted`: it bounds a solid that is taken away from another (kSubtracted).
+  AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld,
+                         bool subtracted = false);
   /// kNone for a null pointer.
   ShaderId shader(const ri::ShaderPtr& s);
   /// The shader of light `index` of the graphics state.

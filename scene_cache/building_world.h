@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "scene_cache/scene_builder.h"
+#include "scene_cache/solid_blocks.h"
 
 namespace fr::cache {
 
@@ -11,10 +12,11 @@ namespace fr::cache {
 struct SceneBuilder::World {
   World(SkeletonWriter& w, FrameCounts& c, const ri::GraphicsState& state, bool cameraMirrored,
         const LoadOptions& options)
-      : writer(w), counts(c), records(w, state, cameraMirrored, options.overrides.shadingRate) {}
+      : writer(w), counts(c), records(w, state, cameraMirrored, options.overrides.shadingRate), solids(w) {}
   SkeletonWriter& writer;
   FrameCounts& counts;
   AttributeRecords records;
+  SolidBlocks solids;
 };
 /// A world that becomes a frame here.
 struct SceneBuilder::OwnWorld {

@@ -49,6 +49,7 @@ class Skeleton {
   const OptionsRecord& options() const;
   /// Five ":"-separated lists: shader, texture, archive, procedural, display. May be empty.
   std::span<const StringId> searchPaths() const;
+  std::span<const SolidRecord> solids() const;
   std::string_view string(StringId id) const;
   std::span<const float> floats(const ParamRecord& p) const;  // empty for other types
   std::span<const int32_t> integers(const ParamRecord& p) const;

@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 2;
+inline constexpr uint32_t kFormatVersion = 3;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -42,6 +42,7 @@ using AttributeId = uint32_t;
 using ShaderId = uint32_t;
 using ObjectId = uint32_t;
 using NodeId = uint32_t;
+using SolidId = uint32_t;
 
 /// `count` elements that start at byte `offset` of the skeleton.
 struct Range {
@@ -135,6 +136,9 @@ enum AttributeFlags : uint32_t {
   kCameraHitsPrimitive = 256,    // Attribute "shade" "camerahitmode" "primitive": colour and opacity of the
   kSpecularHitsPrimitive = 512,  // attributes, no shader; "specularhitmode",
   kDiffuseHitsPrimitive = 1024,  // "diffusehitmode"
+  kSubtracted = 2048,  // of a solid that is taken away from another: its surface is seen from the side that
+                       // was inside. kReverseOrientation and kReverseInCacheSpace are turned over for that
+                       // already; displacement shaders see the solid's own orientation.
 };
 
 /// One attribute state, stored once for all primitives made under it.
@@ -178,6 +182,16 @@ enum class PrimitiveType : uint8_t {
   kCurves,    // one root patch a cluster of curves; diced to meshlets of ribbons
 };
 
+enum class SolidOperation : uint32_t { kPrimitive, kUnion, kIntersection, kDifference };
+
+/// A SolidBegin block. Blocks are trees, with "primitive" blocks as leaves; a block stands behind its parent.
+struct SolidRecord {
+  SolidOperation operation;
+  SolidId parent;    // kNone: a tree of its own
+  uint32_t isFirst;  // 1: the first in its parent, from which a difference takes the others
+  uint32_t pad;
+};
+
 /// One primitive of the scene.
 struct ObjectRecord {
   PrimitiveType type;
@@ -185,8 +199,8 @@ struct ObjectRecord {
   uint16_t keyCount;  // motion keys of the source, 1 = still
   AttributeId attributes;
   TransformId transform;  // object -> world
-  uint32_t surfaceGroup;  // objects that may be pieces of one surface share it (same attribute state and
-                          // transform)
+  uint32_t surfaceGroup;  // objects that may be pieces of one surface share it (same attribute state,
+                          // transform and solid)
   Slice primvars;         // into params, without P, Pw, Pz
   NodeId firstPatch;      // root patches [firstPatch, firstPatch + patchCount)
   uint32_t patchCount;
@@ -194,7 +208,11 @@ struct ObjectRecord {
   Range source;           // type-specific bytes of the primitive (scene_cache/primitive_source.h)
   uint32_t locationFile;  // StringId: where the primitive stands in the RIB
   uint32_t locationLine;
+  uint32_t solidPlus1;  // 1 + SolidId of the leaf that it bounds, 0: an ordinary surface
+  uint32_t pad;
 };
+/// Leaf of a tree of solids that an object bounds a part of, or kNone.
+inline SolidId solidOf(const ObjectRecord& o) { return o.solidPlus1 - 1; }
 
 /// A border of a root patch: which patch evaluates it, so that neighbours get the same bits.
 /// Eight per root patch of a mesh: edges v=0, u=1, v=1, u=0, then corners (0,0) (1,0) (1,1) (0,1).
@@ -337,6 +355,7 @@ struct SkeletonHeader {
   Range camera;       // CameraRecord, 1
   Range options;      // OptionsRecord, 1
   Range searchPaths;  // StringId: shader texture archive procedural display
+  Range solids;       // SolidRecord
 };
 
 template <class T>

@@ -45,7 +45,9 @@ uint64_t compute() {
   FR_AT(ObjectRecord, attributes), FR_AT(ObjectRecord, transform), FR_AT(ObjectRecord, surfaceGroup);
   FR_AT(ObjectRecord, primvars), FR_AT(ObjectRecord, firstPatch), FR_AT(ObjectRecord, patchCount);
   FR_AT(ObjectRecord, bound), FR_AT(ObjectRecord, source), FR_AT(ObjectRecord, locationFile);
-  FR_AT(ObjectRecord, locationLine);
+  FR_AT(ObjectRecord, locationLine), FR_AT(ObjectRecord, solidPlus1);
+  FR_SIZE(SolidRecord), FR_AT(SolidRecord, operation), FR_AT(SolidRecord, parent);
+  FR_AT(SolidRecord, isFirst);
   FR_SIZE(EdgeRecord), FR_AT(EdgeRecord, owner), FR_AT(EdgeRecord, ownerEdge), FR_AT(EdgeRecord, reversed);
   FR_SIZE(RootPatchRecord), FR_AT(RootPatchRecord, object), FR_AT(RootPatchRecord, face);
   FR_AT(RootPatchRecord, firstEdge), FR_AT(RootPatchRecord, bound);
@@ -76,7 +78,7 @@ uint64_t compute() {
   FR_AT(SkeletonHeader, lightLists), FR_AT(SkeletonHeader, namedSpaces), FR_AT(SkeletonHeader, attributes);
   FR_AT(SkeletonHeader, objects), FR_AT(SkeletonHeader, rootPatches), FR_AT(SkeletonHeader, edges);
   FR_AT(SkeletonHeader, displays), FR_AT(SkeletonHeader, camera), FR_AT(SkeletonHeader, options);
-  FR_AT(SkeletonHeader, searchPaths);
+  FR_AT(SkeletonHeader, searchPaths), FR_AT(SkeletonHeader, solids);
   f.add(uint64_t(kMaxGridLog2)), f.add(uint64_t(kMaxMeshletVertices)), f.add(uint64_t(kMaxMeshletTriangles));
   return f.key;
 }

@@ -32,7 +32,8 @@ struct PrimitiveDesc {
   TransformId transform = 0;  ///< object -> world; its keys are those of the writer's table
   AttributeId attributes = 0;
   uint8_t sides = kForReyes | kForTracer;  ///< which renderer sees it
-  uint32_t surfaceGroup = 0;               ///< SkeletonWriter::surfaceGroup(attributes, transform)
+  SolidId solid = kNone;                   ///< leaf that it bounds, kNone: an ordinary surface
+  uint32_t surfaceGroup = 0;               ///< SkeletonWriter::surfaceGroup(attributes, transform, solid)
   StringId locationFile = 0;
   uint32_t locationLine = 0;
   SourceLocation location;  ///< the same, for messages

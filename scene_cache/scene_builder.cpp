@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
@@ -25,6 +26,18 @@ SceneBuilder::SceneBuilder(const LoadOptions& options, FrameCallback onFrame, Pa
 SceneBuilder::SceneBuilder(const LoadOptions& options, WorldSource* source, PathLists standardPaths)
     : StateRenderer(std::move(standardPaths)), options_(options), source_(source) {}
 SceneBuilder::~SceneBuilder() = default;
+
+namespace {
+bool isThin(const ri::Primitive& p) {
+  return std::holds_alternative<ri::Points>(p) || std::holds_alternative<ri::Curves>(p);
+}
+bool hasSolids(const ri::RetainedObject& object) {
+  return std::any_of(object.shapes.begin(), object.shapes.end(), [](const ri::RetainedObject::Shape& s) {
+    const auto* nested = std::get_if<std::shared_ptr<const ri::RetainedObject>>(&s.what);
+    return std::holds_alternative<ri::RetainedObject::SolidStart>(s.what) || (nested && hasSolids(**nested));
+  });
+}
+}  // namespace
 
 void SceneBuilder::notImplemented(std::string_view request, std::string_view consequence,
                                   const SourceLocation& where) {
@@ -133,9 +146,18 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
     d.keyTimes = source.times;
   }
   d.transform = w.records.transform(p.objectToWorld);
-  d.attributes = w.records.attributes(p.attributes, p.objectToWorld);
+  if (isThin(primitive)) {
+    if (w.solids.open())
+      reportOnce("thin solid",
+                 {RiError::kBadSolid, Severity::kWarning, source.location,
+                  fmt::format("{} bound no solid; rendered as they are", ri::primitiveName(primitive))});
+  } else {
+    d.solid = w.solids.leaf();
+  }
+  d.attributes =
+      w.records.attributes(p.attributes, p.objectToWorld, d.solid != kNone && w.solids.isSubtracted(d.solid));
   d.sides = sides_;
-  d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform);
+  d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform, d.solid);
   d.locationFile = w.writer.intern(source.location.file);
   d.locationLine = uint32_t(std::max(source.location.line, 0));
   d.location = source.location;
@@ -168,6 +190,7 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
 }
 
 void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
+  const SolidBlocks::Whole whole(world_->solids);
   auto bezier = std::make_shared<ri::Basis>();
   bezier->u = bezier->v = ri::namedBasis("bezier").value_or(DMat4(1));
   for (ri::Patch& patch : teapotPatches()) {
@@ -189,12 +212,20 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
                               const ri::TransformPtr& objectToWorld) {
   if (!adding()) return;
   ++world_->counts.instances;
+  std::optional<SolidBlocks::Whole> whole;
+  if (!hasSolids(object)) whole.emplace(world_->solids);
   StateRenderer::onInstance(object, attributes, objectToWorld);
 }
 
 void SceneBuilder::onSolidBegin(const std::string& operation) {
-  if (operation != "primitive" && operation != "union")
-    notImplemented("SolidBegin \"" + operation + "\"", "its parts are rendered as they are", location());
+  if (!adding()) return;
+  if (!world_->solids.begin(operation))
+    report({RiError::kBadSolid, Severity::kError, location(),
+            "a Solid block in SolidBegin \"primitive\": its surfaces bound the outer solid"});
+}
+
+void SceneBuilder::onSolidEnd() {
+  if (adding()) world_->solids.end();
 }
 
 void SceneBuilder::onMakeTexture(ri::MakeKind kind, const ri::MakeTextureArgs& args) {

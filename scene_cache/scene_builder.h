@@ -69,6 +69,7 @@ class SceneBuilder : public ri::StateRenderer {
   void onPrimitive(const ri::PlacedPrimitive& p) override;
   void onProcedural(const ri::PlacedProcedural& p) override;
   void onSolidBegin(const std::string& operation) override;
+  void onSolidEnd() override;
   void onMakeTexture(ri::MakeKind kind, const ri::MakeTextureArgs& args) override;
   void onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
                   const ri::TransformPtr& objectToWorld) override;

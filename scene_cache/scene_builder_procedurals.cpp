@@ -49,7 +49,7 @@ void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
   Waiting w{p.source, std::move(request).value(), state().scope(), reader_->place(), p.location, sides_};
   w.scope.attributes = p.attributes;
   w.scope.ctm = p.objectToWorld;
-  if (state().inside(ri::BlockKind::kSolid)) {
+  if (world_->solids.open()) {
     expand(w, extentOf(*w.scope.ctm, w.request.bound).pixels, true);
   } else {
     waiting_.push_back(std::move(w));
@@ -95,7 +95,7 @@ bool SceneBuilder::inDetailRange(const ri::AttributeState& a) const {
 bool SceneBuilder::boundedOut(const ri::PlacedPrimitive& p) const {
   const ri::AttributeState& a = *p.attributes;
   return a.bound && options_.asksRays && !everythingIsSeen_ && (sides_ & kForReyes) && a.areaLight < 0 &&
-         !state().inside(ri::BlockKind::kSolid) && !extentOf(*a.boundSpace, *a.bound).inView;
+         !world_->solids.open() && !extentOf(*a.boundSpace, *a.bound).inView;
 }
 
 void SceneBuilder::expandWaiting() {

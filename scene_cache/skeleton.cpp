@@ -54,6 +54,7 @@ std::span<const DisplayRecord> Skeleton::displays(Slice s) const {
 const CameraRecord& Skeleton::camera() const { return at<CameraRecord>(bytes_, header_->camera)[0]; }
 const OptionsRecord& Skeleton::options() const { return at<OptionsRecord>(bytes_, header_->options)[0]; }
 std::span<const StringId> Skeleton::searchPaths() const { return at<StringId>(bytes_, header_->searchPaths); }
+std::span<const SolidRecord> Skeleton::solids() const { return at<SolidRecord>(bytes_, header_->solids); }
 
 std::string_view Skeleton::string(StringId id) const {
   const auto all = at<StringRecord>(bytes_, header_->strings);

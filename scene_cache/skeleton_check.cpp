@@ -33,7 +33,8 @@ class Checker {
         table<AttributeRecord>(h_.attributes, "attributes") && table<ObjectRecord>(h_.objects, "objects") &&
         table<RootPatchRecord>(h_.rootPatches, "root patches") && table<EdgeRecord>(h_.edges, "edges") &&
         table<DisplayRecord>(h_.displays, "displays") && table<CameraRecord>(h_.camera, "camera") &&
-        table<OptionsRecord>(h_.options, "options") && table<StringId>(h_.searchPaths, "search paths");
+        table<OptionsRecord>(h_.options, "options") && table<StringId>(h_.searchPaths, "search paths") &&
+        table<SolidRecord>(h_.solids, "solids");
     if (tables && h_.camera.count != 1) fail("it has {} cameras instead of 1", h_.camera.count);
     if (ok() && tables && h_.options.count != 1)
       fail("it has {} option records instead of 1", h_.options.count);
@@ -44,6 +45,7 @@ class Checker {
     if (ok()) transforms();
     if (ok()) shaders();
     if (ok()) attributes();
+    if (ok()) solids();
     if (ok()) objects();
     if (ok()) patches();
     if (ok()) frame();
@@ -196,7 +198,23 @@ class Checker {
     }
   }
 
+  void solids() {
+    const auto all = at<SolidRecord>(h_.solids);
+    for (size_t i = 0; i < all.size(); ++i) {
+      const SolidRecord& s = all[i];
+      if (s.operation > SolidOperation::kDifference)
+        return void(fail("solid {}: operation {}", i, uint32_t(s.operation)));
+      if (s.isFirst > 1) return void(fail("solid {}: first {}", i, s.isFirst));
+      if (s.parent == kNone) continue;
+      // Parents come first, so that there are no loops; leaves have no parts.
+      if (s.parent >= i) return void(fail("solid {}: parent {}", i, s.parent));
+      if (all[s.parent].operation == SolidOperation::kPrimitive)
+        return void(fail("solid {}: parent {} is no operation", i, s.parent));
+    }
+  }
+
   void objects() {
+    const auto solids = at<SolidRecord>(h_.solids);
     const auto all = at<ObjectRecord>(h_.objects);
     for (size_t i = 0; i < all.size(); ++i) {
       const ObjectRecord& o = all[i];
@@ -209,6 +227,9 @@ class Checker {
             slice({o.firstPatch, o.patchCount}, h_.rootPatches, "object", i, "patches") &&
             id(o.locationFile, h_.strings, false, "object", i, "file")))
         return;
+      if (o.solidPlus1 != 0 && (!id(solidOf(o), h_.solids, false, "object", i, "solid") ||
+                                solids[solidOf(o)].operation != SolidOperation::kPrimitive))
+        return void(fail("object {}: solid {} is no leaf", i, solidOf(o)));
       // 16: the alignment that primitive sources are written with.
       if (!inside<std::byte>(o.source) || (o.source.count != 0 && o.source.offset % 16 != 0))
         return void(fail("object {}: its source ({} bytes at byte {}) does not lie inside the {} bytes", i,

@@ -12,6 +12,7 @@
 #include "scene_cache/motion.h"
 #include "scene_cache/skeleton_image.h"
 #include "scene_cache/skeleton_writer.h"
+#include "scene_cache/solids.h"
 
 namespace fr::cache {
 namespace {
@@ -105,6 +106,8 @@ Result<int> makeScene(bool checksum = true) {
   ob.attributes = state;
   ob.transform = t;
   ob.patchCount = 2;
+  w.addSolid({SolidOperation::kDifference, kNone, 1, 0});
+  ob.solidPlus1 = 1 + w.addSolid({SolidOperation::kPrimitive, 0, 1, 0});
   const float source[] = {1, -1, 1, 360};
   ob.source = w.addBlob(std::as_bytes(std::span(source)));
   const float st[] = {0, 0, 1, 0, 0, 1, 1, 1};
@@ -150,6 +153,11 @@ uint64_t walk(const Skeleton& s) {
     for (uint32_t i = 0; i < o.patchCount; ++i) sum += s.rootPatches()[o.firstPatch + i].face;
     sum += s.string(o.locationFile).size();
   }
+  const SolidForest forest(s);
+  std::vector<uint32_t> memory;
+  SolidState state(forest, memory);
+  for (const ObjectRecord& o : s.objects())
+    if (solidOf(o) != kNone) sum += state.toggle(solidOf(o)) + forest.treeOf(solidOf(o));
   for (const RootPatchRecord& p : s.rootPatches()) {
     sum += s.objects()[p.object].keyCount;
     if (p.firstEdge != kNone)

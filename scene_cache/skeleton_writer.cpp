@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <cstring>
 #include <map>
+#include <tuple>
 #include <unordered_map>
 
 #include "ri/param_list.h"
@@ -77,7 +78,7 @@ struct SkeletonWriter::Impl {
   std::unordered_map<ContentHash, Range, HashOfHash> blobs;
   std::unordered_map<ContentHash, Slice, HashOfHash> runs;  // params, light lists
   std::unordered_map<ContentHash, uint32_t, HashOfHash> records;
-  std::map<std::pair<AttributeId, TransformId>, uint32_t> surfaceGroups;
+  std::map<std::tuple<AttributeId, TransformId, SolidId>, uint32_t> surfaceGroups;
 
   std::vector<StringRecord> strings;
   std::vector<ParamRecord> params;
@@ -92,6 +93,7 @@ struct SkeletonWriter::Impl {
   std::vector<EdgeRecord> edges;
   std::vector<DisplayRecord> displays;
   std::vector<StringId> searchPaths;
+  std::vector<SolidRecord> solids;
 
   bool fail(Error e) {
     if (!error) error = std::move(e);
@@ -304,9 +306,17 @@ std::span<const ParamRecord> SkeletonWriter::params(Slice s) const {
   return std::span<const ParamRecord>(impl_->params).subspan(s.first, s.count);
 }
 
-uint32_t SkeletonWriter::surfaceGroup(AttributeId attributes, TransformId transform) {
+uint32_t SkeletonWriter::surfaceGroup(AttributeId attributes, TransformId transform, SolidId solid) {
   Impl& m = *impl_;
-  return m.surfaceGroups.try_emplace({attributes, transform}, uint32_t(m.surfaceGroups.size())).first->second;
+  return m.surfaceGroups.try_emplace({attributes, transform, solid}, uint32_t(m.surfaceGroups.size()))
+      .first->second;
+}
+
+SolidId SkeletonWriter::addSolid(const SolidRecord& record) {
+  Impl& m = *impl_;
+  if (!m.room(m.solids, 1, "solids")) return kNone;
+  m.solids.push_back(record);
+  return SolidId(m.solids.size() - 1);
 }
 
 ObjectId SkeletonWriter::nextObject() const { return ObjectId(impl_->objects.size()); }
@@ -380,6 +390,7 @@ Result<int> SkeletonWriter::finish(bool withChecksum) {
   std::vector<OptionsRecord> options{m.options};
   h.options = m.flush(options);
   h.searchPaths = m.flush(m.searchPaths);
+  h.solids = m.flush(m.solids);
   if (m.error) return std::move(*m.error).context("cannot write the scene cache");
 
   h.totalBytes = m.end;

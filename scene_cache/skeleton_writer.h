@@ -100,8 +100,11 @@ class SkeletonWriter {
   /// Five lists: shader texture archive procedural display.
   void setSearchPaths(std::span<const StringId> paths);
   std::span<const StringId> searchPaths() const;
-  /// Number shared by the objects that may be pieces of one surface.
-  uint32_t surfaceGroup(AttributeId attributes, TransformId transform);
+  /// Number shared by the objects that may be pieces of one surface. `solid`: the leaf that they bound, or
+  /// kNone.
+  uint32_t surfaceGroup(AttributeId attributes, TransformId transform, SolidId solid = kNone);
+  /// Its parent, if any, must have been added.
+  SolidId addSolid(const SolidRecord& record);
   ShaderRecord& shader(ShaderId id);  ///< to be completed later (areaLightObject)
   uint32_t shaderCount() const;
 

@@ -23,6 +23,9 @@ class ShadingSystem::Impl::Displacement final : public cache::Displacer {
     if (!setup.displaced || n == 0 || n > kMaxShadePoints) return;
     std::unique_ptr<Work> work = take();
     work->columns.fillForDicing(setup, node, n, cell, u, v, gridNu, gridNv, P, N);
+    // A solid has one shape, whether it is added or taken away.
+    const float side = work->columns.subtracted() ? -1.0f : 1.0f;
+    if (side < 0) work->columns.turnOver();
     work->machine.begin(work->columns.batch(), *setup.displacement, {}, setup.partners());
     work->machine.run();
     const Operand newP = work->machine.result(GlobalId::k_P), newN = work->machine.result(GlobalId::k_N);
@@ -39,7 +42,7 @@ class ShadingSystem::Impl::Displacement final : public cache::Displacer {
         const Vec3 m = system_.currentToCacheNormal * Vec3(newN.at(i, 0), newN.at(i, 1), newN.at(i, 2));
         const float length = glm::length(m);
         if (std::isfinite(length) && length > 0)
-          for (int c = 0; c < 3; ++c) N[c][k] = m[c] / length;
+          for (int c = 0; c < 3; ++c) N[c][k] = side * m[c] / length;
       }
     }
     give(std::move(work));

@@ -92,6 +92,16 @@ void PointColumns::differencesFromStencil(bool normals, float orientation) {
   }
 }
 
+bool PointColumns::subtracted() const {
+  return (system_.scene.skeleton().attributes()[setup_->attributes].flags & cache::kSubtracted) != 0;
+}
+
+void PointColumns::turnOver() {
+  batch_.orientation = -batch_.orientation;
+  for (uint32_t c : {kN, kNg})
+    for (uint32_t i = 0; i < 3 * lanes_; ++i) column(c)[i] = -column(c)[i];
+}
+
 void PointColumns::describeRays(const ShadePoints& points) {
   batch_.level = points.level;
   batch_.shadowRay = points.shadowRay;

@@ -16,6 +16,10 @@ class PointColumns {
   void fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell,
                      const float* u, const float* v, int gridNu, int gridNv, float* const P[3],
                      float* const N[3]);
+  /// The points bound a solid that is taken away from another (kSubtracted).
+  bool subtracted() const;
+  /// Turns normals and orientation over.
+  void turnOver();
   /// Ends of rays in a volume: no surface, Ci and Oi are 0.
   void fillVolume(const ShadePoints& points, const ShadeSetup& setup);
   /// A primitive variable of the points' objects, in current space; nullptr when none has it. Of floats and

@@ -52,6 +52,8 @@ ShadeTask& ShadeTask::operator=(ShadeTask&&) noexcept = default;
 /// A displacement shader that moves nothing runs here, for its normals.
 void ShadeTask::Impl::bump() {
   Machine& m = second();
+  // A solid has one shape, whether it is added or taken away.
+  if (columns.subtracted()) columns.turnOver();
   Batch b = columns.batch();
   b.raysAllowed = false;
   b.overrides = {};
@@ -59,9 +61,10 @@ void ShadeTask::Impl::bump() {
   m.run();
   const Operand N = m.result(GlobalId::k_N);
   const Operand to = b.globals[size_t(GlobalId::k_N)];
-  if (!N.data) return;
-  for (uint32_t c = 0; c < 3; ++c)
-    for (uint32_t i = 0; i < b.lanes; ++i) to.comp(c)[i] = N.at(i, c);
+  if (N.data)
+    for (uint32_t c = 0; c < 3; ++c)
+      for (uint32_t i = 0; i < b.lanes; ++i) to.comp(c)[i] = N.at(i, c);
+  if (columns.subtracted()) columns.turnOver();
 }
 
 void ShadeTask::begin(const ShadePoints& points) {

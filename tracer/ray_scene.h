@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "scene_cache/cache.h"
+#include "scene_cache/solids.h"
 #include "tracer/border_stitch.h"
 
 namespace fr::tracer {
@@ -54,6 +55,7 @@ struct SurfaceEntry {
   uint16_t cellsU, cellsV;  // at the traced stride; meshlets: vertices, triangles
   float orientation;        // +1, or -1 when the oriented normal points against dPdu x dPdv
   uint8_t level;
+  uint8_t mask;  // RayMask: what can hit it
   cache::CastsShadows castsShadows;
   uint8_t oneSided : 1;
   uint8_t meshlet : 1;
@@ -110,6 +112,7 @@ enum class Obstacle { kNone, kFiltered, kOpaque };
 
 struct RaySceneStatistics {
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
+  uint64_t solids = 0;
   uint64_t stitchTriangles = 0;               // of grids whose borders no neighbour shows
   uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
   uint64_t peakBytes = 0;
@@ -154,16 +157,25 @@ class RayScene {
  private:
   friend struct HitFilter;
   friend class RaySceneBuilder;
+  friend struct SolidRays;
   RayScene();
 
   struct Embree;
+  using PrimitiveTable = std::vector<std::vector<uint32_t>>;
+  /// A tree of solids: an Embree scene of its own, all of whose crossings a ray asks for.
+  struct SolidTree {
+    uint32_t mask = 0;  // RayMask: what can hit some part of it
+    PrimitiveTable entryOfPrimitive;
+  };
   /// In entryOfPrimitive_: the rest is an index into stitches_.
   static constexpr uint32_t kStitch = 0x80000000u;
 
   std::unique_ptr<Embree> embree_;
-  std::vector<SurfaceEntry> entries_;                    // in the order of (object, patch)
-  std::vector<std::vector<uint32_t>> entryOfPrimitive_;  // by Embree geometry id, then primitive id
-  std::vector<StitchTriangle> stitches_;                 // StitchTriangle::grid is the entry
+  std::vector<SurfaceEntry> entries_;  // in the order of (object, patch)
+  PrimitiveTable entryOfPrimitive_;    // by Embree geometry id, then primitive id
+  cache::SolidForest solids_;
+  std::vector<SolidTree> solidTrees_;     // of solids_
+  std::vector<StitchTriangle> stitches_;  // StitchTriangle::grid is the entry
   std::vector<uint32_t> entryOfNode_;
   std::vector<uint32_t> groupOfObject_;
   const cache::SceneCache* cache_ = nullptr;

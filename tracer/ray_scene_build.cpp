@@ -15,6 +15,7 @@
 #include "scene_cache/primitive_source.h"
 #include "tracer/border_stitch.h"
 #include "tracer/ray_scene_embree.h"
+#include "tracer/ray_solids.h"
 
 namespace fr::tracer {
 
@@ -28,9 +29,12 @@ constexpr uint64_t kWindow = (uint64_t(8) << 30) / kPositionAlign * kPositionAli
 /// Embree loads 16 bytes for a vertex of 12.
 constexpr uint64_t kVertexOverread = 4;
 constexpr unsigned kMaxKeys = 129;  // RTC_MAX_TIME_STEP_COUNT
+/// Mask of the geometries of solids: all is asked for, what is seen is decided afterwards.
+constexpr uint32_t kSolidMask = 0x80;
 
 /// Grids of one class share an Embree geometry.
 struct ClassKey {
+  uint32_t tree;  // of solids, or kNone
   bool meshlet;
   uint32_t mask;
   uint32_t level;
@@ -71,6 +75,8 @@ class RaySceneBuilder {
   Result<std::unique_ptr<RayScene>> build() {
     const auto t0 = std::chrono::steady_clock::now();
     scene_->cache_ = &cache_;
+    scene_->solids_ = SolidForest(cache_.skeleton());
+    scene_->solidTrees_.resize(scene_->solids_.treeCount());
     const int cores = int(std::max(1u, std::thread::hardware_concurrency()));  // oneTBB has no more workers
     threads_ = options_.threads > 0 ? std::min(options_.threads, cores) : cores;
     tbb::task_arena arena(threads_);
@@ -87,6 +93,7 @@ class RaySceneBuilder {
  private:
   struct ObjectFacts {
     uint32_t mask = 0;
+    uint32_t tree = kNone;
     int level = 0;
     bool visible = false;
     bool oneSided = false;
@@ -122,6 +129,15 @@ class RaySceneBuilder {
     std::vector<std::pair<ObjectId, NodeId>> roots;
     for (ObjectId i = 0; i < objects.size(); ++i) {
       facts[i] = factsOf(i);
+      const SolidId leaf = solidOf(objects[i]);
+      if (leaf == kNone) continue;
+      facts[i].tree = scene_->solids_.treeOf(leaf);
+      scene_->solidTrees_[facts[i].tree].mask |= facts[i].mask;
+    }
+    for (ObjectId i = 0; i < objects.size(); ++i) {
+      // What cannot be seen shapes the solid that it is a part of.
+      if (facts[i].tree != kNone)
+        facts[i].visible = (objects[i].sides & kForTracer) && scene_->solidTrees_[facts[i].tree].mask != 0;
       if (!facts[i].visible) continue;
       for (uint32_t p = 0; p < objects[i].patchCount; ++p) roots.emplace_back(i, objects[i].firstPatch + p);
     }
@@ -224,7 +240,8 @@ class RaySceneBuilder {
     }
     const uint64_t window = g.positions / kWindow;
     const uint64_t step = uint64_t(12) << level;
-    p.key = {meshlet, facts.mask, uint32_t(level), g.keyCount, keyBytes, window};
+    p.key = {facts.tree, meshlet, facts.tree == kNone ? facts.mask : kSolidMask, uint32_t(level), g.keyCount,
+             keyBytes,   window};
     p.startVertex = uint32_t((g.positions - window * kWindow) / step);
     p.rowStride = g.rowStride;
     p.indices = meshlet ? g.indices : 0;
@@ -251,6 +268,7 @@ class RaySceneBuilder {
     e.oneSided = facts.oneSided;
     e.meshlet = meshlet;
     e.level = uint8_t(level);
+    e.mask = uint8_t(facts.mask);
     e.moving = g.keyCount > 1;
     e.castsShadows = facts.castsShadows;
     e.opaqueCaster = facts.opaqueCaster;
@@ -355,9 +373,17 @@ class RaySceneBuilder {
     if (Result<void> r = openDevice(); !r) return r;
     RayScene& s = *scene_;
     RayScene::Embree& em = *s.embree_;
-    em.scene = rtcNewScene(em.device);
-    rtcSetSceneFlags(em.scene, RTCSceneFlags(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
-    rtcSetSceneBuildQuality(em.scene, RTC_BUILD_QUALITY_MEDIUM);
+    const auto newScene = [&] {
+      RTCScene scene = rtcNewScene(em.device);
+      rtcSetSceneFlags(scene, RTCSceneFlags(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
+      rtcSetSceneBuildQuality(scene, RTC_BUILD_QUALITY_MEDIUM);
+      return scene;
+    };
+    em.scene = newScene();
+    em.solids.assign(s.solidTrees_.size(), nullptr);
+    for (const Prepared& p : prepared_)
+      if (p.key.tree != kNone && !em.solids[p.key.tree])
+        em.solids[p.key.tree] = newScene(), ++s.statistics_.solids;
 
     std::map<ClassKey, std::vector<uint32_t>> classes;
     NodeId lastNode = 0;
@@ -372,7 +398,10 @@ class RaySceneBuilder {
     em.descriptors.reserve(classes.size() + stitches.size());
     for (const auto& [key, members] : classes) attach(key, members);
     for (const auto& [key, triangles] : stitches) attachStitches(key, triangles);
-    s.statistics_.geometries = s.entryOfPrimitive_.size();
+    s.statistics_.geometries = em.descriptors.size();
+    for (RTCScene solid : em.solids)
+      if (solid) rtcCommitScene(solid);
+    if (s.statistics_.solids > 0) SolidRays::attach(s);
     s.entries_.reserve(prepared_.size());
     for (const Prepared& p : prepared_) s.entries_.push_back(p.entry);
     prepared_ = {};
@@ -383,11 +412,15 @@ class RaySceneBuilder {
     return {};
   }
 
+  RayScene::PrimitiveTable& tableOf(const ClassKey& key) {
+    return key.tree == kNone ? scene_->entryOfPrimitive_ : scene_->solidTrees_[key.tree].entryOfPrimitive;
+  }
+
   void attach(const ClassKey& key, const std::vector<uint32_t>& members) {
     RayScene& s = *scene_;
     RayScene::Embree& em = *s.embree_;
     std::vector<uint32_t>& buffer = em.descriptors.emplace_back();
-    std::vector<uint32_t>& entryOf = s.entryOfPrimitive_.emplace_back();
+    std::vector<uint32_t>& entryOf = tableOf(key).emplace_back();
     uint64_t vertexEnd = 0;
     size_t primitives = 0;
     for (uint32_t m : members) {
@@ -456,7 +489,7 @@ class RaySceneBuilder {
   void attachStitches(const ClassKey& key, const std::vector<StitchTriangle>& triangles) {
     RayScene& s = *scene_;
     std::vector<uint32_t>& buffer = s.embree_->descriptors.emplace_back();
-    std::vector<uint32_t>& entryOf = s.entryOfPrimitive_.emplace_back();
+    std::vector<uint32_t>& entryOf = tableOf(key).emplace_back();
     uint32_t vertexEnd = 0;
     for (const StitchTriangle& t : triangles) {
       const Prepared& p = prepared_[t.grid];
@@ -496,8 +529,8 @@ class RaySceneBuilder {
                                  sizeof(RTCGrid), primitives);
     rtcSetGeometryMask(g, key.mask);
     rtcCommitGeometry(g);
-    const unsigned id = rtcAttachGeometry(em.scene, g);
-    FR_CHECK(id + 1 == s.entryOfPrimitive_.size());
+    const unsigned id = rtcAttachGeometry(key.tree == kNone ? em.scene : em.solids[key.tree], g);
+    FR_CHECK(id + 1 == tableOf(key).size());
     rtcReleaseGeometry(g);
   }
 

@@ -14,6 +14,7 @@ namespace fr::tracer {
 struct RayScene::Embree {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
+  std::vector<RTCScene> solids;  // by tree; nullptr: no ray can hit it
   std::vector<std::vector<uint32_t>>
       descriptors;  // RTCGrid records or triangle indices, one buffer per geometry
   std::atomic<int64_t> bytes{0}, peak{0};
@@ -22,6 +23,8 @@ struct RayScene::Embree {
 
   ~Embree() {
     if (scene) rtcReleaseScene(scene);
+    for (RTCScene s : solids)
+      if (s) rtcReleaseScene(s);
     if (device) rtcReleaseDevice(device);
   }
 };

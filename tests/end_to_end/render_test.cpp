@@ -205,6 +205,30 @@ TEST(Render, RayCallsSayTheSameInBothModes) {
   EXPECT_EQ(worst(shm, render(w, world, {"--shm", "--threads", "3"})), 0.0);
 }
 
+// Lines of sight and rays resolve solids apart, on meshes of several strides: every process must find the
+// same.
+TEST(Render, SolidsAreTheSameInBothModes) {
+  Workspace w;
+  w.write("raymirror.sl", kRayMirror);
+  const std::string world =
+      "LightSource \"pointlight\" 1 \"from\" [-2 3 -3] \"intensity\" [20]\n"
+      "Attribute \"light\" \"string shadows\" [\"on\"] LightSource \"distantlight\" 2 \"from\" [1 4 -2]\n"
+      "SolidBegin \"difference\"\n"
+      "SolidBegin \"union\" Surface \"raymirror\" Sphere 1 -1 1 360\n"
+      "SolidBegin \"primitive\" Surface \"matte\" Opacity [0.5 0.5 0.5] Rotate 40 1 1 0 Torus 1 0.35 0 360 "
+      "360 "
+      "SolidEnd SolidEnd\n"
+      "SolidBegin \"primitive\" Surface \"raymirror\" Translate 0.3 0.3 0 Cylinder 0.4 -2 2 360 Disk 2 0.4 "
+      "360 "
+      "Disk -2 0.4 360 SolidEnd SolidEnd\n"
+      "Surface \"matte\" Polygon \"P\" [-5 -1.2 -5 -5 -1.2 5 5 -1.2 5 5 -1.2 -5]\n";
+  const Picture shm = render(w, world, {"--shm"});
+  EXPECT_GT(sum(shm, "R"), 10.0);
+  EXPECT_EQ(worst(shm, render(w, world, {"--inproc"})), 0.0);
+  EXPECT_EQ(worst(shm, render(w, world, {"--inproc", "--threads", "1"})), 0.0);
+  EXPECT_EQ(worst(shm, render(w, world, {"--shm", "--threads", "3"})), 0.0);
+}
+
 TEST(Render, APrebuiltCacheChangesNothing) {
   Workspace w;
   w.write("raymirror.sl", kRayMirror);

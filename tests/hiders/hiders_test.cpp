@@ -100,6 +100,16 @@ const std::map<std::string, std::string> kBumps = {
 const std::string kDisplace =
     "Attribute \"displacementbound\" \"float sphere\" [0.2]\nDisplacement \"bumps\"\n";
 
+std::string solid(const std::string& operation, const std::string& parts) {
+  return "SolidBegin \"" + operation + "\"\n" + parts + "SolidEnd\n";
+}
+std::string closed(const std::string& surfaces) { return solid("primitive", surfaces); }
+const std::string kRod = closed("Cylinder 0.4 -2 2 360 Disk 2 0.4 360 Disk -2 0.4 360\n");
+/// A ball with a bore and a torus cut into it.
+const std::string kBored =
+    "Rotate 25 1 1 0\n" + solid("difference", closed("Sphere 1 -1 1 360\n") + kRod +
+                                                  closed("Translate 0.3 0 0 Torus 0.9 0.25 0 360 360\n"));
+
 const std::vector<Scene> kScenes = {
     {"Quadrics", kPerspective,
      "AttributeBegin Translate -0.8 0.8 0 Sphere 0.6 -0.6 0.6 360 AttributeEnd\n"
@@ -178,6 +188,20 @@ const std::vector<Scene> kScenes = {
      "Sphere 0.6 -0.6 0.6 360\n",
      {},
      0.02},
+    {"Solids", kPerspective,
+     kBored + "Translate 0.9 0.4 -0.4\n" +
+         solid("intersection", closed(kCube) + closed("Sphere 1.1 -1.1 1.1 360\n") +
+                                   solid("difference", closed("Sphere 1.5 -1.5 1.5 360\n") + kRod))},
+    {"SolidsTransparent", kPerspective, "Opacity [0.5 0.3 0.7]\n" + kBored + "Torus 1 0.3 0 360 360\n"},
+    {"SolidsOneSided", kPerspective, "Sides 1\n" + kBored},
+    {"SolidsNearAndFarPlanes", "Clipping 4.3 5.4\n" + kPerspective, kBored},
+    {"SolidsDisplaced", kPerspective,
+     kDisplace + solid("difference", closed("Sphere 1 -1 1 360\n") +
+                                         closed("Translate 0.2 0 -0.9 Sphere 0.6 -0.6 0.6 360\n")),
+     kBumps, 0.02},
+    {"SolidsInside", "Clipping 0.01 100\n" + kPerspective + "Translate 0 0 -5.05\n",
+     solid("difference", closed("Sphere 3 -3 3 360\n") + closed("Sphere 0.9 -0.9 0.9 360\n") + kRod)},
+    {"SolidsMidpoint", kPerspective + "Hider \"hidden\" \"string depthfilter\" [\"midpoint\"]\n", kBored},
     {"Mirror",
      kPerspective,
      "AttributeBegin Surface \"raymirror\" Translate -0.7 0 0 Sphere 0.7 -0.7 0.7 360 AttributeEnd\n"
