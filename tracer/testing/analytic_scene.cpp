@@ -118,6 +118,7 @@ std::span<const ObjectRecord> Skeleton::objects() const {
 std::span<const RootPatchRecord> Skeleton::rootPatches() const {
   return table<RootPatchRecord>(bytes_, header_->rootPatches);
 }
+std::span<const SolidRecord> Skeleton::solids() const { return {}; }
 const OptionsRecord& Skeleton::options() const { return table<OptionsRecord>(bytes_, header_->options)[0]; }
 std::string_view Skeleton::string(StringId id) const {
   const StringRecord r = table<StringRecord>(bytes_, header_->strings)[id];
