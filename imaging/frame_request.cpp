@@ -5,6 +5,9 @@
 #include <filesystem>
 #include <numbers>
 
+#include "scene_cache/primitive_source.h"
+#include "scene_cache/surface.h"
+
 namespace fr {
 namespace {
 
@@ -56,6 +59,15 @@ DMat4 cameraToScreen(const cache::CameraRecord& c) {
   m[2][2] = perspective ? f / (f - n) : 1 / (f - n);
   m[3][2] = perspective ? -f * n / (f - n) : -n / (f - n);
   return m;
+}
+
+int cameraKeyCount(const cache::Skeleton& skeleton) {
+  const auto transforms = skeleton.transforms();
+  const cache::TransformId id = skeleton.camera().worldToCamera;
+  if (id >= transforms.size()) return 1;
+  return cache::gridKeyCount({}, cache::sourceArray<DMat4>(skeleton, transforms[id].matrices),
+                             cache::sourceArray<float>(skeleton, transforms[id].times),
+                             skeleton.camera().shutter);
 }
 
 }  // namespace
@@ -115,7 +127,40 @@ SamplePattern frameSamplePattern(const cache::Skeleton& skeleton, uint32_t seed)
   float jitter = 1;
   for (const char* name : {"jitter", "hider:jitter"})
     jitter = frameFloatOption(skeleton, o.hiderParams, name, jitter);
-  return SamplePattern(axis(o.pixelSamples[0]), axis(o.pixelSamples[1]), jitter != 0, seed);
+  const SampleDimensions dimensions{frameMoves(skeleton), frameLens(skeleton).radius > 0};
+  return SamplePattern(axis(o.pixelSamples[0]), axis(o.pixelSamples[1]), jitter != 0, seed, dimensions);
+}
+
+bool frameMoves(const cache::Skeleton& skeleton) {
+  if (cameraKeyCount(skeleton) > 1) return true;
+  const auto objects = skeleton.objects();
+  return std::any_of(objects.begin(), objects.end(),
+                     [](const cache::ObjectRecord& o) { return o.keyCount > 1; });
+}
+
+std::vector<DMat4> frameCameraKeys(const cache::Skeleton& skeleton) {
+  const float* shutter = skeleton.camera().shutter;
+  const int count = cameraKeyCount(skeleton);
+  std::vector<DMat4> keys;
+  for (int k = 0; k < count; ++k)
+    keys.push_back(skeleton.cacheToCamera(cache::gridKeyTime(k, count, shutter)));
+  return keys;
+}
+
+FrameLens frameLens(const cache::Skeleton& skeleton) {
+  const float* dof = skeleton.camera().dof;
+  FrameLens lens;
+  if (!(dof[0] < 1e30f) || !(dof[1] > 0)) return lens;
+  if (!(dof[0] > 0) || !(dof[2] > 0)) {
+    reportOnce("lens", makeError(RiError::kRange,
+                                 "DepthOfField {} {} {}: f-stop and focal distance have to be positive; "
+                                 "everything is sharp",
+                                 dof[0], dof[1], dof[2]));
+    return lens;
+  }
+  lens.radius = 0.5 * double(dof[1]) / double(dof[0]);
+  lens.focalDistance = dof[2];
+  return lens;
 }
 
 std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {

@@ -13,8 +13,23 @@ namespace fr {
 FrameGeometry frameGeometry(const cache::Skeleton& skeleton);
 /// RiPixelFilter. An unknown name is reported and becomes the default, gaussian 2 2.
 PixelFilter framePixelFilter(const cache::Skeleton& skeleton);
-/// RiPixelSamples and the hider's jitter. `seed`: of the positions.
+/// RiPixelSamples and the hider's jitter. `seed`: of the positions. Times and lens positions are there when
+/// something moves while the shutter is open, and when the lens has a size.
 SamplePattern frameSamplePattern(const cache::Skeleton& skeleton, uint32_t seed);
+/// Whether the camera or any object moves while the shutter is open.
+bool frameMoves(const cache::Skeleton& skeleton);
+/// Cache space to camera space at equally spaced times, shutter open to close; one matrix when the camera
+/// stands still. In between, renderers blend two of them entry by entry: positions in camera space then move
+/// straight from key to key, as those of grids do.
+std::vector<DMat4> frameCameraKeys(const cache::Skeleton& skeleton);
+/// The thin lens of RiDepthOfField, at camera space z = 0.
+struct FrameLens {
+  double radius = 0;         // camera space; 0: pinhole
+  double focalDistance = 1;  // camera z of what is sharp
+};
+/// The lens has a diameter of focallength / fstop, so a point at depth z has a circle of confusion of
+/// diameter / focal distance * |1 - focal distance / z| on the plane z = 1: RISpec's formula.
+FrameLens frameLens(const cache::Skeleton& skeleton);
 /// Pixels a side of a tile: `asked`, or (0) Option "limits" "bucketsize", else 32; less when a tile would
 /// hold so many samples that its buffers leave the processor's cache.
 int frameBucketSize(const cache::Skeleton& skeleton, int asked, int samplesPerPixel);

@@ -1,20 +1,118 @@
 #include "imaging/sample_pattern.h"
 
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
 #include "base/random.h"
 #include "base/sobol.h"
 
 namespace fr {
+namespace {
 
-SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed) : nx_(nx), ny_(ny) {
+/// A step that visits 0 ... n - 1 in leaps of about `fraction` of n.
+int coprimeStep(int n, double fraction) {
+  int step = std::max(1, int(std::lround(n * fraction)));
+  while (std::gcd(step, n) != 1) ++step;
+  return step;
+}
+
+/// Square to disk, areas and neighbourhoods kept (Shirley and Chiu, "A Low Distortion Map Between Disk and
+/// Square", 1997).
+Vec2 toDisk(const Vec2& square) {
+  const float a = 2 * square.x - 1, b = 2 * square.y - 1;
+  if (a == 0 && b == 0) return {0, 0};
+  constexpr float kQuarter = std::numbers::pi_v<float> / 4;
+  const bool wide = std::abs(a) > std::abs(b);
+  const float radius = wide ? a : b, angle = wide ? kQuarter * (b / a) : kQuarter * (2 - a / b);
+  return {radius * std::cos(angle), radius * std::sin(angle)};
+}
+
+/// And back, for sorting alone.
+Vec2 toSquare(float x, float y) {
+  const float radius = std::sqrt(x * x + y * y);
+  constexpr float kQuarter = std::numbers::pi_v<float> / 4;
+  float angle = std::atan2(y, x);
+  if (angle < -kQuarter) angle += 2 * std::numbers::pi_v<float>;
+  float a, b;
+  if (angle < kQuarter)
+    a = radius, b = angle * a / kQuarter;
+  else if (angle < 3 * kQuarter)
+    b = radius, a = -(angle - 2 * kQuarter) * b / kQuarter;
+  else if (angle < 5 * kQuarter)
+    a = -radius, b = (angle - 4 * kQuarter) * a / kQuarter;
+  else
+    b = -radius, a = -(angle - 6 * kQuarter) * b / kQuarter;
+  return {0.5f * (a + 1), 0.5f * (b + 1)};
+}
+
+}  // namespace
+
+SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleDimensions dimensions)
+    : nx_(nx), ny_(ny) {
   period_ = !jitter ? 1 : perPixel() > 64 ? 32 : 64;
   offsets_.clear();
+  const bool blur = dimensions.time || dimensions.lens;
   const auto step = [](float p) { return int16_t(2 * int(p * float(kSubpixels / 2)) + 1); };
-  for (int pixel = 0; pixel < period_ * period_; ++pixel)
+  for (int pixel = 0; pixel < period_ * period_; ++pixel) {
+    const auto pixelSeed = uint32_t(hashStep(seed, uint64_t(pixel)));
+    const size_t first = offsets_.size();
     for (int s = 0; s < perPixel(); ++s) {
-      const Vec2 p = jitter ? sobolOwen2(uint32_t(s), uint32_t(hashStep(seed, uint64_t(pixel))))
+      const Vec2 p = jitter ? sobolOwen2(uint32_t(s), pixelSeed)
                             : Vec2((float(s % nx) + 0.5f) / float(nx), (float(s / nx) + 0.5f) / float(ny));
       offsets_.push_back({step(p.x), step(p.y)});
+      if (blur) addBlur(s, jitter, pixelSeed, dimensions);
     }
+    if (blur && dimensions.sorted) sortPixel(first, dimensions);
+  }
+}
+
+void SamplePattern::addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions) {
+  const int n = perPixel();
+  Blur b;
+  Vec2 lens;
+  if (jitter) {
+    // Time is the third dimension of the pixel's points; the lens has a sequence of its own, so that its two
+    // dimensions are as well spread as those of the pixel.
+    b.time = sobolOwen(uint32_t(sample), 2, seed);
+    lens = sobolOwen2(uint32_t(sample), mix32(seed ^ 0x1e25u));
+  } else {
+    b.time = (float(sample * coprimeStep(n, 0.618) % n) + 0.5f) / float(n);
+    const int cell = sample * coprimeStep(n, 0.382) % n;
+    lens = {(float(cell % nx_) + 0.5f) / float(nx_), (float(cell / nx_) + 0.5f) / float(ny_)};
+  }
+  if (!dimensions.time) b.time = 0;
+  if (dimensions.lens) {
+    const Vec2 disk = toDisk(lens);
+    b.lensX = disk.x, b.lensY = disk.y;
+  }
+  blurs_.push_back(b);
+}
+
+void SamplePattern::sortPixel(size_t first, const SampleDimensions& dimensions) {
+  const auto n = size_t(perPixel());
+  std::vector<size_t> order(n);
+  std::iota(order.begin(), order.end(), first);
+  std::vector<float> key(n);
+  if (dimensions.time) {
+    for (size_t i = 0; i < n; ++i) key[i] = blurs_[first + i].time;
+  } else {
+    // Row by row over a grid of about n cells.
+    const auto side = float(std::max(1, int(std::lround(std::sqrt(double(n))))));
+    for (size_t i = 0; i < n; ++i) {
+      const Vec2 square = toSquare(blurs_[first + i].lensX, blurs_[first + i].lensY);
+      key[i] = std::floor(std::min(square.y, 0.99999f) * side) + 0.999f * square.x;
+    }
+  }
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return key[a - first] < key[b - first]; });
+  const std::vector<Offset> offsets(offsets_.begin() + ptrdiff_t(first), offsets_.end());
+  const std::vector<Blur> blurs(blurs_.begin() + ptrdiff_t(first), blurs_.end());
+  for (size_t i = 0; i < n; ++i) {
+    offsets_[first + i] = offsets[order[i] - first];
+    blurs_[first + i] = blurs[order[i] - first];
+  }
 }
 
 }  // namespace fr

@@ -1,5 +1,5 @@
-// Where the samples of a frame lie within their pixels: the same for every renderer, so that their images can
-// be compared sample by sample.
+// Where the samples of a frame lie: within their pixels, in the shutter and on the lens. The same for every
+// renderer, so that their images can be compared sample by sample.
 #pragma once
 
 #include <cstddef>
@@ -13,15 +13,24 @@ namespace fr {
 inline constexpr int kSubpixelBits = 10;
 inline constexpr int kSubpixels = 1 << kSubpixelBits;
 
+/// What else than a place on the raster the samples of a pixel need, and the order in which they come.
+struct SampleDimensions {
+  bool time = false, lens = false;
+  /// Samples come by time, or by place on the lens when there is no time: the n-th samples of all pixels then
+  /// are close to each other in it. Not for adaptive sampling, which takes the first samples of a pixel.
+  bool sorted = true;
+};
+
 /// Owen-scrambled Sobol points, differently scrambled in each pixel of a block that repeats over the raster:
-/// so the samples of a pixel do not depend on the tile. Without jitter: centres of nx x ny cells. With jitter
-/// the first 2^k samples of a pixel are well spread by themselves, for adaptive sampling.
+/// so the samples of a pixel do not depend on the tile. Without jitter: centres of nx x ny cells, times and
+/// lens positions in equal steps. With jitter and unless sorted, the first 2^k samples of a pixel are well
+/// spread by themselves, for adaptive sampling.
 class SamplePattern {
  public:
   SamplePattern() = default;
-  SamplePattern(int nx, int ny, bool jitter, uint32_t seed);
+  SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleDimensions dimensions = {});
   int perPixel() const { return nx_ * ny_; }
-  /// Index of the first sample of raster pixel (x, y) in offsets().
+  /// Index of the first sample of raster pixel (x, y) in offsets() and blurs().
   size_t first(int x, int y) const {
     return (size_t(y & (period_ - 1)) * size_t(period_) + size_t(x & (period_ - 1))) * size_t(nx_ * ny_);
   }
@@ -31,10 +40,20 @@ class SamplePattern {
     int16_t x, y;
   };
   const std::vector<Offset>& offsets() const { return offsets_; }
+  /// Time: 0 shutter open ... 1 close. Lens: on the unit disk (all zero without that dimension).
+  struct Blur {
+    float time = 0, lensX = 0, lensY = 0;
+  };
+  /// As many as offsets(), or none when samples have a place on the raster alone.
+  const std::vector<Blur>& blurs() const { return blurs_; }
 
  private:
+  void addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions);
+  void sortPixel(size_t first, const SampleDimensions& dimensions);
+
   int nx_ = 1, ny_ = 1, period_ = 1;
   std::vector<Offset> offsets_{{kSubpixels / 2 + 1, kSubpixels / 2 + 1}};
+  std::vector<Blur> blurs_;
 };
 
 }  // namespace fr

@@ -4,6 +4,7 @@
 #include <memory>
 #include <thread>
 
+#include "base/cores.h"
 #include "reyes/renderer.h"
 #include "scene_cache/cache.h"
 #include "shading/shader_library.h"
@@ -25,7 +26,7 @@ void renderWorld(cache::Frame&& frame) {
   shading.loadShaders(cache::kForReyes);
   scene.setDisplacer(&shading.displacer());
 
-  const int threads = int(std::max(1u, std::thread::hardware_concurrency()));
+  const int threads = availableCores();
   std::unique_ptr<ShadingSystem> hitShading;
   std::unique_ptr<tracer::InprocOracleService> oracle;
   if (shading.canAskRays()) {

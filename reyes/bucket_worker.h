@@ -25,7 +25,7 @@ struct FrameWork {
   std::vector<OutputChannel> outputs;
   float opacityThreshold = 0.996f;
   bool midpointDepth = false;  // DepthFilter::midpoint; no surface counts as opaque then
-  std::vector<int> order;  // tiles, in the order in which they are handed out
+  std::vector<int> order;      // tiles, in the order in which they are handed out
   std::atomic<size_t> next{0};
   std::atomic<bool> stop{false};  // hand out no more tiles
   /// A worker died with grids that others may wait for: all give up.

@@ -27,7 +27,7 @@ TileRange tilesOf(const RasterBounds& b, const Film& film) {
 
 }  // namespace
 
-RootBins::RootBins(const cache::SceneCache& cache, const RasterSpace& space,
+RootBins::RootBins(const cache::SceneCache& cache, const ShutterSpace& space,
                    const std::vector<SurfaceTraits>& traits, const cache::SolidForest& solids,
                    const Film& film) {
   const auto objects = cache.skeleton().objects();

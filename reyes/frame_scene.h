@@ -26,8 +26,8 @@ class RootBins {
  public:
   /// Bounds every root patch that the camera can see and that is made for the REYES side. Of solids, also
   /// what cannot be seen but shapes what can.
-  RootBins(const cache::SceneCache& cache, const RasterSpace& space, const std::vector<SurfaceTraits>& traits,
-           const cache::SolidForest& solids, const Film& film);
+  RootBins(const cache::SceneCache& cache, const ShutterSpace& space,
+           const std::vector<SurfaceTraits>& traits, const cache::SolidForest& solids, const Film& film);
   /// Calls f(NodeId, const RasterBounds&, uint32_t tree) for the root patches that may cover the tile; tree:
   /// of solids, or kNone.
   template <class F>
@@ -54,7 +54,7 @@ class RootBins {
 /// Immutable while tiles are rendered.
 struct FrameScene {
   cache::SceneCache* cache = nullptr;
-  RasterSpace space;
+  ShutterSpace space;
   SamplePattern pattern;
   std::vector<SurfaceTraits> traits;  // by AttributeId
   const RootBins* roots = nullptr;

@@ -1,4 +1,5 @@
 #include "base/isa.h"
+#include "reyes/blur_kernel.h"
 #include "reyes/raster_kernel.h"
 
 namespace fr::reyes {
@@ -13,6 +14,18 @@ RasterFunction rasterFunction() {
       break;
   }
   return sse4::rasterise;
+}
+
+BlurFunction blurFunction() {
+  switch (currentIsa()) {
+    case Isa::kAvx512:
+      return avx512::drawBlurred;
+    case Isa::kAvx2:
+      return avx2::drawBlurred;
+    case Isa::kSse4:
+      break;
+  }
+  return sse4::drawBlurred;
 }
 
 }  // namespace fr::reyes

@@ -7,7 +7,10 @@
 
 #include <cstdint>
 
+#include <vector>
 #include "base/math.h"
+
+#include "imaging/frame_request.h"
 #include "imaging/pixel_rect.h"
 #include "imaging/sample_pattern.h"
 #include "scene_cache/cache.h"
@@ -29,12 +32,21 @@ struct RasterBounds {
   }
 };
 
+/// How far a place on the lens moves what is seen on the raster: linear in the depth key, zero in focus.
+struct LensShift {
+  float x0 = 0, x1 = 0, y0 = 0, y1 = 0;
+  /// Pixels, for a lens position on the unit disk.
+  float x(float lensX, float key) const { return lensX * (x0 + x1 * key); }
+  float y(float lensY, float key) const { return lensY * (y0 + y1 * key); }
+  bool any() const { return x0 != 0 || x1 != 0; }
+};
+
 /// Immutable; thread-safe.
 class RasterSpace {
  public:
   RasterSpace() = default;
-  /// The camera at shutter time `time`.
-  RasterSpace(const cache::CameraRecord& camera, const DMat4& cacheToCamera);
+  /// The camera at one time.
+  RasterSpace(const cache::CameraRecord& camera, const DMat4& cacheToCamera, const FrameLens& lens = {});
 
   bool perspective() const { return perspective_; }
   const Mat4& cacheToCamera() const { return cacheToCamera_; }
@@ -53,12 +65,36 @@ class RasterSpace {
   }
   /// Bounds of a cache-space box, grown by a margin for rounding. `outside`: before the near or behind the
   /// far plane. A box that reaches through the near plane covers everything.
+  /// The whole lens is looked through.
   RasterBounds bounds(const Box3f& box) const;
+  const LensShift& lens() const { return lens_; }
 
  private:
   Mat4 cacheToCamera_{1.0f}, rasterFromCache_{1.0f};
+  LensShift lens_;
   bool perspective_ = true;
   float near_ = 0, far_ = 0, farKey_ = 0;
+};
+
+/// The camera while the shutter is open. Immutable; thread-safe.
+class ShutterSpace {
+ public:
+  ShutterSpace() = default;
+  ShutterSpace(const cache::CameraRecord& camera, const std::vector<DMat4>& cacheToCamera,
+               const FrameLens& lens);
+  /// At equally spaced times; one when the camera stands still.
+  const std::vector<RasterSpace>& keys() const { return keys_; }
+  /// At shutter open, where everything is shaded.
+  const RasterSpace& open() const { return keys_.front(); }
+  /// Between the keys, as positions are blended: `time` 0 open ... 1 close.
+  Vec4 homogeneous(const Vec3& p, float time) const;
+  bool moves() const { return keys_.size() > 1; }
+  bool blursAll() const { return moves() || open().lens().any(); }
+  /// Bounds at all times.
+  RasterBounds bounds(const Box3f& box) const;
+
+ private:
+  std::vector<RasterSpace> keys_{RasterSpace()};
 };
 
 }  // namespace fr::reyes

@@ -6,6 +6,7 @@
 #include <system_error>
 #include <thread>
 
+#include "base/cores.h"
 #include "imaging/frame_request.h"
 #include "imaging/tile_order.h"
 #include "reyes/bucket_worker.h"
@@ -14,14 +15,6 @@ namespace fr {
 namespace {
 
 using namespace fr::reyes;
-
-void warnOfMissingFeatures(const cache::CameraRecord& camera) {
-  if (camera.dof[0] < 1e30f && camera.dof[1] > 0)
-    reportOnce("depth of field", Error{RiError::kUnimplemented,
-                                       Severity::kWarning,
-                                       {},
-                                       "depth of field is not rendered yet: everything is sharp"});
-}
 
 /// Threads of the frame; the calling one is the first.
 void runWorkers(FrameWork& work, int threads) {
@@ -54,7 +47,6 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   const auto start = std::chrono::steady_clock::now();
   const cache::Skeleton& skeleton = cache.skeleton();
   const cache::CameraRecord& camera = skeleton.camera();
-  warnOfMissingFeatures(camera);
 
   const FrameGeometry geometry = frameGeometry(skeleton);
   if (geometry.crop.empty()) return makeError(RiError::kRange, "the crop window holds no pixels");
@@ -72,7 +64,7 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
 
   FrameScene scene;
   scene.cache = &cache;
-  scene.space = RasterSpace(camera, skeleton.cacheToCamera(camera.shutter[0]));
+  scene.space = ShutterSpace(camera, frameCameraKeys(skeleton), frameLens(skeleton));
   scene.pattern = frameSamplePattern(skeleton, options.seed);
   scene.traits = surfaceTraits(cache, shading);
   if (work.midpointDepth)  // what lies behind the first surface is wanted too
@@ -99,7 +91,7 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   work.opacityThreshold = std::clamp(
       frameFloatOption(skeleton, skeleton.options().options, "limits:othreshold", 0.996f), 0.0f, 1.0f);
   work.order = hilbertOrder(film.tilesX(), film.tilesY());
-  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  const int cores = availableCores();
   runWorkers(work, std::clamp(options.threads > 0 ? options.threads : cores, 1, 1024));
 
   FrameStatistics& s = work.statistics;

@@ -28,10 +28,38 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
         for (size_t i = first + size_t(perPixel_); i < size_t(row + 1) * size_t(rowStride_); ++i)
           x[i] = x[first], y[i] = y[first];  // near the run, so that kernels' integers do not overflow
     }
+  resetBlur(pattern);
   blocksX_ = (rect.width() + kBlock - 1) / kBlock;
   blocksY_ = (rect.height() + kBlock - 1) / kBlock;
   blockDepth_.assign(size_t(blocksX_ * blocksY_), farKey);
   blockStale_.assign(size_t(blocksX_ * blocksY_), 0);
+}
+
+void SampleBuffer::resetBlur(const SamplePattern& pattern) {
+  if (pattern.blurs().empty()) {
+    time.clear(), lensX.clear(), lensY.clear();
+    return;
+  }
+  for (auto* v : {&time, &lensX, &lensY}) v->assign(size(), 0.0f);
+  slots_.assign(size_t(perPixel_), {1, 0, 1, -1, 1, -1});
+  candidates_.resize(size() + kRunPadding);
+  for (int row = 0; row < rect_.height(); ++row)
+    for (int column = 0; column < rect_.width(); ++column) {
+      const SamplePattern::Blur* blur =
+          pattern.blurs().data() + pattern.first(rect_.x0 + column, rect_.y0 + row);
+      size_t i = index(column, row);
+      for (size_t slot = 0; slot < size_t(perPixel_); ++slot, ++i, ++blur) {
+        time[i] = blur->time, lensX[i] = blur->lensX, lensY[i] = blur->lensY;
+        SlotRange& r = slots_[slot];
+        r.time0 = std::min(r.time0, blur->time), r.time1 = std::max(r.time1, blur->time);
+        r.lensX0 = std::min(r.lensX0, blur->lensX), r.lensX1 = std::max(r.lensX1, blur->lensX);
+        r.lensY0 = std::min(r.lensY0, blur->lensY), r.lensY1 = std::max(r.lensY1, blur->lensY);
+      }
+    }
+}
+
+BlurSamples SampleBuffer::blurSamples() {
+  return {time.data(), lensX.data(), lensY.data(), slots_.data(), candidates_.data()};
 }
 
 void SampleBuffer::touched(int column0, int row0, int column1, int row1) {

@@ -4,8 +4,8 @@
 // samples per row of pixels it touches. Rows are padded with samples that nothing can hit, so that kernels
 // may read and test past the end of a run.
 //
-// A sample has a place on the raster today. Time and lens position (motion blur, depth of field) become
-// further arrays here; the kernels get a variant that reads them.
+// When something moves or the lens has a size, samples also have times and lens positions, and blur_kernel.h
+// reads them.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 
 #include "imaging/pixel_rect.h"
 #include "imaging/sample_pattern.h"
+#include "reyes/blur_kernel.h"
 #include "reyes/raster_space.h"
 
 namespace fr::reyes {
@@ -28,8 +29,8 @@ inline constexpr int kRunPadding = 16;
 
 class SampleBuffer {
  public:
-  /// Places the samples of `rect`: Owen-scrambled Sobol points by the pixel's raster position (so tiles do
-  /// not matter), or centres of an nx x ny grid. All see nothing, at depth `farKey`.
+  /// Places the samples of `rect` by the pixels' raster positions, so tiles do not matter. All see nothing,
+  /// at depth `farKey`.
   void reset(const PixelRect& rect, const SamplePattern& pattern, float farKey);
 
   const PixelRect& rect() const { return rect_; }
@@ -46,14 +47,23 @@ class SampleBuffer {
   /// Samples in these pixels (tile coordinates, inclusive) may have changed.
   void touched(int column0, int row0, int column1, int row1);
 
-  std::vector<int32_t> x, y;  // subpixel steps from the tile's corner
-  std::vector<float> depth;   // key of the nearest opaque hit
-  std::vector<uint32_t> hit;  // what it is: slot << kTriangleBits | triangle
+  std::vector<int32_t> x, y;              // subpixel steps from the tile's corner
+  std::vector<float> time, lensX, lensY;  // SamplePattern::Blur; empty without
+  std::vector<float> depth;               // key of the nearest opaque hit
+  std::vector<uint32_t> hit;              // what it is: slot << kTriangleBits | triangle
+
+  bool blurred() const { return !time.empty(); }
+  /// For the kernel; only when blurred().
+  BlurSamples blurSamples();
 
  private:
   static constexpr int kBlock = 4;  // pixels a side of a block of the depth hierarchy
   float blockDepth(int block);
 
+  void resetBlur(const SamplePattern& pattern);
+
+  std::vector<SlotRange> slots_;
+  std::vector<uint32_t> candidates_;
   PixelRect rect_;
   int perPixel_ = 0, rowStride_ = 0, blocksX_ = 0, blocksY_ = 0;
   std::vector<float> blockDepth_;  // farthest depth in the block

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "reyes/hit_position.h"
 #include "scene_cache/trim.h"
 
 namespace fr::reyes {
@@ -15,31 +16,61 @@ double secondsSince(Clock::time_point start) {
 }
 
 /// (u, v) of the root patch where a sample sees a grid's triangle, in perspective.
-Vec2 patchParameters(const TileGrid& g, const cache::PatchNode& node, uint32_t triangle, double px, double py,
-                     bool perspective) {
+Vec2 patchParameters(const TileGrid& g, const TileView& view, const ShutterSpace& space,
+                     const cache::PatchNode& node, uint32_t triangle, size_t sample) {
   const cache::GridRecord& r = *g.record;
   uint32_t v[3];
   gridTriangle(r.nu, triangle, v);
-  const ProjectedGrid& p = g.projected;
-  double e[3], sum = 0;
-  const bool drawn = !(p.state[v[0]] | p.state[v[1]] | p.state[v[2]]);
-  for (int i = 0; i < 3; ++i) {
-    const uint32_t a = v[(i + 1) % 3], b = v[(i + 2) % 3];
-    e[i] = drawn ? double(p.x[b] - p.x[a]) * (py - p.y[a]) - double(p.y[b] - p.y[a]) * (px - p.x[a]) : 1.0;
-    if (perspective && drawn) e[i] *= double(p.key[v[i]]);
-    sum += e[i];
-  }
+  BlurPoint corner[3];
+  double weight[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+  if (seenCorners(g, view, space, sample, v, corner))
+    cornerWeights(corner, space.open().perspective(), view.samples.x[sample], view.samples.y[sample], weight);
   double column = 0, row = 0;
-  for (int i = 0; i < 3; ++i) {
-    const double w = sum != 0 ? e[i] / sum : 1.0 / 3;
-    column += w * double(v[i] % (r.nu + 1u)), row += w * double(v[i] / (r.nu + 1u));
-  }
+  for (int i = 0; i < 3; ++i)
+    column += weight[i] * double(v[i] % (r.nu + 1u)), row += weight[i] * double(v[i] / (r.nu + 1u));
   return {float((node.iu + column / r.nu) * std::ldexp(1.0, -node.du)),
           float((node.iv + row / r.nv) * std::ldexp(1.0, -node.dv))};
 }
 
 /// Room for fragments is made for this many at a time.
 constexpr size_t kFragmentRoom = 4096;
+
+/// Draws faces [0, count) with raster(first, target), as RasterFunction does: to depths, or to fragments.
+template <class Raster>
+void drawFaces(uint32_t count, std::vector<Fragment>* fragments, RasterTarget& target, Raster&& raster) {
+  if (!fragments) {
+    raster(0u, target);
+    return;
+  }
+  size_t room = kFragmentRoom;
+  for (uint32_t next = 0; next < count;) {
+    const size_t have = fragments->size();
+    fragments->resize(have + room);
+    target.fragments = fragments->data() + have;
+    target.fragmentCapacity = room, target.fragmentCount = 0;
+    const uint32_t stopped = raster(next, target);
+    fragments->resize(have + target.fragmentCount);
+    if (stopped == next) room *= 2;  // one face covers more samples than there was room for
+    next = stopped;
+  }
+}
+
+/// A hit that no kernel drew.
+void addHit(uint32_t sample, uint32_t hit, float key, std::vector<Fragment>* fragments,
+            RasterTarget& target) {
+  float& depth = target.depth[sample];
+  if (fragments) {
+    if (key <= depth) fragments->push_back({sample, hit, key, 0});
+    return;
+  }
+  uint32_t& other = target.hit[sample];
+  const auto isBefore = [&] {
+    const uint64_t mine = target.slotRank[hit >> kTriangleBits],
+                   its = target.slotRank[other >> kTriangleBits];
+    return mine < its || (mine == its && (hit & kTriangleMask) < (other & kTriangleMask));
+  };
+  if (key < depth || (key == depth && other != kNothing && isBefore())) depth = key, other = hit;
+}
 
 }  // namespace
 
@@ -59,7 +90,7 @@ void TileHider::hide(int tile, const PixelRect& rect, TileView& view) {
   const auto start = Clock::now();
   resolving_ = 0;
   view.tile = tile;
-  view.samples.reset(rect, scene_.pattern, scene_.space.farKey());
+  view.samples.reset(rect, scene_.pattern, scene_.space.open().farKey());
   view.grids.clear(), view.ranks.clear(), view.fragments.clear(), view.firstFragment.clear();
   heap_.clear();
   solids_.begin();
@@ -163,18 +194,17 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   const bool meshlet = grid.kind == cache::GridKind::kMeshlet;
   const int columns = meshlet ? grid.nu : grid.nu + 1, rows = meshlet ? 1 : grid.nv + 1;
   const size_t rowStride = meshlet ? grid.nu : grid.rowStride;
-  if (grid.keyCount > 1)
-    reportOnce("motion blur", Error{RiError::kUnimplemented,
-                                    Severity::kWarning,
-                                    {},
-                                    "moving geometry is rendered as it is at shutter open"});
-
   TileGrid entry;
   entry.node = node, entry.record = &grid, entry.indices = v.indices;
   entry.traits = scene_.traits[object.attributes];
   entry.solid = solid, entry.shows = !isSolid || entry.traits.visible;
-  projectGrid(scene_.space, v.positions, columns, rows, rowStride, rect, entry.projected);
-  const RasterBounds& b = entry.projected.bounds;
+  const bool blurred = view.samples.blurred() && (grid.keyCount > 1 || scene_.space.blursAll());
+  if (blurred)
+    projectBlurred(scene_.space, v.positions, grid.keyCount, grid.keyBytes / sizeof(float), columns, rows,
+                   rowStride, entry.blurred);
+  else
+    projectGrid(scene_.space.open(), v.positions, columns, rows, rowStride, rect, entry.projected);
+  const RasterBounds& b = blurred ? entry.blurred.bounds : entry.projected.bounds;
   if (b.outside || !b.overlaps(rect)) {
     ++statistics_.gridsCulledTile;
     return;
@@ -197,15 +227,6 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   }
   const TileGrid& g = view.grids[slot];
 
-  RasterTriangles triangles;
-  triangles.x = g.projected.x.data(), triangles.y = g.projected.y.data(),
-  triangles.key = g.projected.key.data();
-  triangles.skip = g.projected.state.data();
-  triangles.nu = grid.nu, triangles.nv = grid.nv;
-  triangles.indices = v.indices;
-  triangles.triangleCount = meshlet ? grid.nv : 2u * grid.nu * grid.nv;
-  triangles.slot = slot, triangles.cullSign = g.traits.cullSign;
-
   SampleBuffer& samples = view.samples;
   RasterTarget target;
   target.columns = rect.width(), target.rows = rect.height();
@@ -217,47 +238,55 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   const bool trimmed = grid.flags & cache::kGridTrimmed;
   const bool hides = g.traits.opaque && !trimmed && !isSolid;
   std::vector<Fragment>& fragments = isSolid ? solids_.crossings() : view.fragments;
+  std::vector<Fragment>* to = hides ? nullptr : &fragments;
   const size_t firstFragment = fragments.size();
-  const auto draw = [&](const RasterTriangles& t) {
-    if (hides) {
-      rasterise_(t, 0, target);
+  const auto draw = [&](uint32_t drawnSlot, int cullSign) {
+    if (blurred) {
+      BlurFaces faces = g.blurred.faces(scene_.space, rect);
+      faces.nu = grid.nu, faces.nv = grid.nv, faces.indices = v.indices;
+      faces.faceCount = meshlet ? grid.nv : uint32_t(grid.nu) * grid.nv;
+      faces.slot = drawnSlot, faces.cullSign = cullSign;
+      const BlurSamples times = samples.blurSamples();
+      drawFaces(faces.faceCount, to, target,
+                [&](uint32_t first, RasterTarget& t) { return drawBlurred_(faces, first, times, t); });
+      if (g.blurred.anyClipped)
+        drawBlurredClipped(g.blurred, scene_.space, faces, times, target,
+                           [&](uint32_t sample, uint32_t triangle, float key) {
+                             addHit(sample, drawnSlot << kTriangleBits | triangle, key, to, target);
+                           });
+      // Where it may have been seen at some time.
+      target.column0 = target.row0 = 0, target.column1 = rect.width() - 1, target.row1 = rect.height() - 1;
       return;
     }
-    size_t room = kFragmentRoom;
-    for (uint32_t next = 0; next < t.triangleCount;) {
-      const size_t have = fragments.size();
-      fragments.resize(have + room);
-      target.fragments = fragments.data() + have;
-      target.fragmentCapacity = room, target.fragmentCount = 0;
-      const uint32_t stopped = rasterise_(t, next, target);
-      fragments.resize(have + target.fragmentCount);
-      if (stopped == next) room *= 2;  // one triangle covers more samples than there was room for
-      next = stopped;
-    }
-  };
-  const auto drawAll = [&] {
-    draw(triangles);
+    RasterTriangles triangles;
+    triangles.x = g.projected.x.data(), triangles.y = g.projected.y.data();
+    triangles.key = g.projected.key.data(), triangles.skip = g.projected.state.data();
+    triangles.nu = grid.nu, triangles.nv = grid.nv, triangles.indices = v.indices;
+    triangles.triangleCount = meshlet ? grid.nv : 2u * grid.nu * grid.nv;
+    triangles.slot = drawnSlot, triangles.cullSign = cullSign;
+    const auto drawTriangles = [&](const RasterTriangles& t) {
+      drawFaces(t.triangleCount, to, target,
+                [&](uint32_t first, RasterTarget& onto) { return rasterise_(t, first, onto); });
+    };
+    drawTriangles(triangles);
     if (g.projected.anyClipped)
-      drawClipped(scene_.space, v.positions, columns, rowStride, rect, g.projected, triangles, draw);
+      drawClipped(scene_.space.open(), v.positions, columns, rowStride, rect, g.projected, triangles,
+                  drawTriangles);
   };
-  drawAll();
-  if (hasUnseenSide) {
-    triangles.slot = slot + 1, triangles.cullSign = -triangles.cullSign;
-    drawAll();
-  }
+  draw(slot, g.traits.cullSign);
+  if (hasUnseenSide) draw(slot + 1, -g.traits.cullSign);
   if (trimmed) {
     const cache::PatchTrim trim = scene_.cache->trimOf(node);
     const cache::PatchNode& place = scene_.cache->node(node);
     const auto cut = [&](const Fragment& f) {
-      const Vec2 uv = patchParameters(g, place, f.hit & kTriangleMask, samples.x[f.sample],
-                                      samples.y[f.sample], scene_.space.perspective());
+      const Vec2 uv = patchParameters(g, view, scene_.space, place, f.hit & kTriangleMask, f.sample);
       return trim.removed(uv.x, uv.y);
     };
     fragments.erase(std::remove_if(fragments.begin() + ptrdiff_t(firstFragment), fragments.end(), cut),
                     fragments.end());
   }
   if (hides && target.column1 >= 0) samples.touched(target.column0, target.row0, target.column1, target.row1);
-  statistics_.micropolygonsTested += target.trianglesTested / (meshlet ? 1 : 2);
+  statistics_.micropolygonsTested += target.trianglesTested / (meshlet || blurred ? 1 : 2);
 }
 
 void TileHider::markSeen(TileView& view) {

@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "reyes/blurred_grid.h"
 #include "reyes/frame_scene.h"
 #include "reyes/grid_projection.h"
 #include "reyes/shaded_grids.h"
@@ -23,6 +24,7 @@ struct TileGrid {
   const uint8_t* indices = nullptr;  // of a meshlet
   SurfaceTraits traits;
   ProjectedGrid projected;
+  BlurredGrid blurred;                  // in place of `projected` when it moves or is seen through a lens
   cache::SolidId solid = cache::kNone;  // leaf that it bounds
   bool shows = true;  // false: of a solid, a side or an object that is not seen but shapes what is
   bool seen = false;  // by a sample, so that its colours are needed
@@ -43,7 +45,7 @@ struct TileView {
 class TileHider {
  public:
   explicit TileHider(const FrameScene& scene)
-      : scene_(scene), rasterise_(rasterFunction()), solids_(*scene.solids) {}
+      : scene_(scene), rasterise_(rasterFunction()), drawBlurred_(blurFunction()), solids_(*scene.solids) {}
   /// Fills `view` for the pixels `rect`, and marks the grids whose colours are needed.
   void hide(int tile, const PixelRect& rect, TileView& view);
   const HiderStatistics& statistics() const { return statistics_; }
@@ -63,6 +65,7 @@ class TileHider {
 
   const FrameScene& scene_;
   RasterFunction rasterise_;
+  BlurFunction drawBlurred_;
   std::vector<Candidate> heap_;
   std::vector<cache::NodeId> stack_;
   TileSolids solids_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "imaging/frame_output.h"
+#include "reyes/hit_position.h"
 
 namespace fr::reyes {
 namespace {
@@ -16,7 +17,7 @@ struct HitWeights {
 
 class Shader {
  public:
-  Shader(const TileView& view, const RasterSpace& space) : view_(view), space_(space) {}
+  Shader(const TileView& view, const ShutterSpace& space) : view_(view), space_(space) {}
 
   /// Flat ("constant"): the mean over the corners of the micropolygon, that is, its colour at the centre.
   /// Smooth: linear between the vertices, in perspective.
@@ -36,28 +37,23 @@ class Shader {
       return r;
     }
     r.fourth = r.v[0];
-    const ProjectedGrid& p = g.projected;
-    const bool drawn = !(p.state[r.v[0]] | p.state[r.v[1]] | p.state[r.v[2]]);
-    if (!g.traits.smooth || !drawn) {
+    BlurPoint corner[3];
+    const bool drawn = g.traits.smooth && seenCorners(g, view_, space_, sample, r.v, corner);
+    if (!drawn) {
       if (meshlet) {
         r.w[0] = r.w[1] = r.w[2] = 1.0f / 3;
       } else {
-        const uint32_t stride = uint32_t(record.nu) + 1, corner = r.v[0];
-        const uint32_t first = triangle & 1 ? corner - 1 : corner;
+        const uint32_t stride = uint32_t(record.nu) + 1, vertex = r.v[0];
+        const uint32_t first = triangle & 1 ? vertex - 1 : vertex;
         r.v[0] = first, r.v[1] = first + 1, r.v[2] = first + stride, r.fourth = first + stride + 1;
         r.w[0] = r.w[1] = r.w[2] = r.w[3] = 0.25f;
       }
       return r;
     }
-    const double px = view_.samples.x[sample], py = view_.samples.y[sample];
-    double e[3], sum = 0;
-    for (int i = 0; i < 3; ++i) {
-      const uint32_t a = r.v[(i + 1) % 3], b = r.v[(i + 2) % 3];
-      e[i] = double(p.x[b] - p.x[a]) * (py - p.y[a]) - double(p.y[b] - p.y[a]) * (px - p.x[a]);
-      if (space_.perspective()) e[i] *= double(p.key[r.v[i]]);
-      sum += e[i];
-    }
-    for (int i = 0; i < 3; ++i) r.w[i] = sum != 0 ? float(e[i] / sum) : 1.0f / 3;
+    double weight[3];
+    cornerWeights(corner, space_.open().perspective(), view_.samples.x[sample], view_.samples.y[sample],
+                  weight);
+    for (int i = 0; i < 3; ++i) r.w[i] = float(weight[i]);
     return r;
   }
 
@@ -68,12 +64,12 @@ class Shader {
 
  private:
   const TileView& view_;
-  const RasterSpace& space_;
+  const ShutterSpace& space_;
 };
 
 }  // namespace
 
-void resolveTile(const TileView& view, const RasterSpace& space, int outputChannels, float opacityThreshold,
+void resolveTile(const TileView& view, const ShutterSpace& space, int outputChannels, float opacityThreshold,
                  bool midpointDepth, TileColors& out) {
   const SampleBuffer& s = view.samples;
   const PixelRect& rect = s.rect();
@@ -129,11 +125,11 @@ void resolveTile(const TileView& view, const RasterSpace& space, int outputChann
             }
             if (shows && !first && !second) {
               second = true;
-              depth = 0.5f * (depth + space.depth(layer.depth));
+              depth = 0.5f * (depth + space.open().depth(layer.depth));
             }
             if (shows && first) {
               first = false;
-              depth = space.depth(layer.depth);
+              depth = space.open().depth(layer.depth);
               if (!g.traits.matte)
                 for (size_t c = 0; c < size_t(outputChannels); ++c)
                   out.channels[size_t(kFixedChannels) + c][to] =
@@ -141,7 +137,7 @@ void resolveTile(const TileView& view, const RasterSpace& space, int outputChann
             }
           } else {
             through[0] = through[1] = through[2] = 0;
-            if (first) depth = space.depth(layer.depth);
+            if (first) depth = space.open().depth(layer.depth);
             first = false;
           }
           covered |= std::max({through[0], through[1], through[2]}) < 1 - opacityThreshold;

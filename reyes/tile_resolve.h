@@ -15,7 +15,7 @@ struct TileColors {
   std::vector<std::vector<float>> channels;
 };
 /// `midpointDepth`: depth lies half way to the second surface; RI_INFINITY without one.
-void resolveTile(const TileView& view, const RasterSpace& space, int outputChannels, float opacityThreshold,
+void resolveTile(const TileView& view, const ShutterSpace& space, int outputChannels, float opacityThreshold,
                  bool midpointDepth, TileColors& out);
 
 }  // namespace fr::reyes

@@ -107,6 +107,8 @@ Result<void> addBlobby(Adding& a) {
   const ri::Primitive primitive(std::move(polygons));
   PrimitiveDesc desc = a.desc;
   desc.primitive = &primitive;
+  if (desc.keys.size() > 1)
+    a.warn(RiError::kUnimplemented, "keeps its first shape: its deformation is not rendered");
   desc.keys = {}, desc.keyTimes = {};
   Adding inner(a.writer, desc);
   return addPolygons(inner);

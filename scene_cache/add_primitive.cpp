@@ -9,7 +9,7 @@ namespace fr::cache {
 Adding::Adding(SkeletonWriter& w, const PrimitiveDesc& d) : writer(w), desc(d) {
   const TransformKeys& keys = w.transform(d.transform);
   const float* shutter = w.camera().shutter;
-  const int count = gridKeyCount(uint32_t(keyCount()), keys.matrices, shutter);
+  const int count = gridKeyCount(keyTimes(), keys.matrices, keys.times, shutter);
   for (int k = 0; k < count; ++k) {
     const float time = gridKeyTime(k, count, shutter);
     DMat4 m = interpolateMotion(keys.times, keys.matrices, time);
@@ -44,7 +44,7 @@ ObjectRecord Adding::object(PrimitiveType type, const ri::ParamList& params) {
   ObjectRecord o{};
   o.type = type;
   o.sides = desc.sides;
-  o.keyCount = uint16_t(std::min<size_t>(keyCount(), 0xffff));
+  o.keyCount = uint16_t(gridTimes.size());
   o.attributes = desc.attributes;
   o.transform = desc.transform;
   o.surfaceGroup = desc.surfaceGroup;

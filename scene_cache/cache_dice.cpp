@@ -176,7 +176,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   }
   const NodeRect& rect = path.back();
   const float* shutter = skeleton.camera().shutter;
-  const int keys = gridKeyCount(skeleton, object);
+  const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
   DiceRate rate = diceRate(eye, attributes, object.type);
   if (isPolygon(object)) {
     const auto* source = sourceRecord<PolygonSource>(skeleton, object);
@@ -295,7 +295,7 @@ uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, con
   const PatchNode& n = *node(nodeId);
   const RootPatchRecord& root = skeleton.rootPatches()[n.root];
   const float* shutter = skeleton.camera().shutter;
-  const int keys = gridKeyCount(skeleton, object);
+  const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
   const bool isPoints = object.type == PrimitiveType::kPoints;
   PointsView points;
   CurvesView curves;
@@ -369,7 +369,7 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
     return 0;
   }
   const float* shutter = skeleton.camera().shutter;
-  const int keys = gridKeyCount(skeleton, object);
+  const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
   const uint32_t count = m.record.vertexCount, triangles = m.record.triangleCount;
   const bool displaced = displacer && displacer->displaces(root.object);
   const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;

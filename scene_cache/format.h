@@ -196,7 +196,7 @@ struct SolidRecord {
 struct ObjectRecord {
   PrimitiveType type;
   uint8_t sides;      // kForReyes | kForTracer
-  uint16_t keyCount;  // motion keys of the source, 1 = still
+  uint16_t keyCount;  // of its grids (GridRecord::keyCount), 1 = still
   AttributeId attributes;
   TransformId transform;  // object -> world
   uint32_t surfaceGroup;  // objects that may be pieces of one surface share it (same attribute state,

@@ -180,8 +180,6 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   }
   ++w.counts.primitives;
   if (!w.writer.ok() || w.writer.nextObject() == firstObject) return;
-  if (source.samples.size() > 1 && w.writer.object(firstObject).keyCount < 2)
-    notImplemented("deformation motion blur of this kind", "the first shape is used", source.location);
   if (p.attributes->areaLight >= 0)
     if (const ShaderId light = w.records.light(p.attributes->areaLight); light != kNone) {
       ShaderRecord& record = w.writer.shader(light);

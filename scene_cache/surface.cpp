@@ -428,21 +428,30 @@ Box3f Surface::bound() const {
   return box;
 }
 
-int gridKeyCount(uint32_t sourceKeys, std::span<const DMat4> transform, const float shutter[2]) {
-  if (!(shutter[1] > shutter[0]) || (sourceKeys < 2 && transform.size() < 2)) return 1;
-  size_t keys = std::max<size_t>({2, sourceKeys, transform.size()});
-  for (size_t i = 1; i < transform.size(); ++i) {
-    if (DMat3(transform[i]) != DMat3(transform[0]))
-      keys = std::max<size_t>(keys, 5);  // what turns moves on arcs
+namespace {
+
+/// Whether all times inside the shutter are among `keys` equally spaced ones.
+bool timesFit(std::span<const float> times, int keys, const float shutter[2]) {
+  for (const float time : times) {
+    const double at = (double(time) - shutter[0]) / (double(shutter[1]) - shutter[0]) * (keys - 1);
+    if (at > 0 && at < keys - 1 && std::abs(at - std::round(at)) > 1e-3) return false;
   }
-  return int(std::min<size_t>(keys, kMaxGridKeys));
+  return true;
 }
 
-int gridKeyCount(const Skeleton& skeleton, const ObjectRecord& object) {
-  const auto all = skeleton.transforms();
-  std::span<const DMat4> matrices;
-  if (object.transform < all.size()) matrices = sourceArray<DMat4>(skeleton, all[object.transform].matrices);
-  return gridKeyCount(object.keyCount, matrices, skeleton.camera().shutter);
+}  // namespace
+
+int gridKeyCount(std::span<const float> sourceTimes, std::span<const DMat4> transform,
+                 std::span<const float> transformTimes, const float shutter[2]) {
+  if (!(shutter[1] > shutter[0]) || (sourceTimes.size() < 2 && transform.size() < 2)) return 1;
+  int fewest = 2;
+  for (size_t i = 1; i < transform.size(); ++i)
+    if (DMat3(transform[i]) != DMat3(transform[0])) fewest = 5;  // what turns moves on arcs
+  if (sourceTimes.size() < 2) sourceTimes = {};
+  if (transform.size() < 2) transformTimes = {};
+  for (int keys = fewest; keys < kMaxGridKeys; ++keys)
+    if (timesFit(sourceTimes, keys, shutter) && timesFit(transformTimes, keys, shutter)) return keys;
+  return kMaxGridKeys;
 }
 
 KeySpan findKeys(std::span<const float> times, uint32_t keyCount, float time) {

@@ -81,15 +81,15 @@ class Surface {
 
 /// Grid keys of an object: equally spaced over the shutter (GridRecord::keyCount). One when nothing moves.
 inline constexpr int kMaxGridKeys = 9;
-/// sourceKeys: deformation keys; transform: keys of object -> world.
-int gridKeyCount(uint32_t sourceKeys, std::span<const DMat4> transform, const float shutter[2]);
+/// sourceTimes: of the deformation keys (one or none: no deformation); transform, transformTimes: keys of
+/// object -> world. So many that each key is one of the grid's (as far as kMaxGridKeys reaches), and that
+/// arcs look round.
+int gridKeyCount(std::span<const float> sourceTimes, std::span<const DMat4> transform,
+                 std::span<const float> transformTimes, const float shutter[2]);
 inline float gridKeyTime(int key, int keyCount, const float shutter[2]) {
   return keyCount < 2 ? shutter[0]
                       : shutter[0] + (shutter[1] - shutter[0]) * float(key) / float(keyCount - 1);
 }
-/// The same for an object of a finished skeleton.
-int gridKeyCount(const Skeleton& skeleton, const ObjectRecord& object);
-
 /// Two deformation keys around a time and the weight of the second.
 struct KeySpan {
   uint32_t a = 0, b = 0;

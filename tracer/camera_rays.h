@@ -1,7 +1,10 @@
 // From raster positions to camera rays: the inverse of the projection that a hider of micropolygons uses.
 #pragma once
 
+#include <vector>
+
 #include "base/math.h"
+#include "imaging/frame_request.h"
 #include "scene_cache/cache.h"
 #include "tracer/ray_scene.h"
 
@@ -11,30 +14,37 @@ namespace fr::tracer {
 class CameraRays {
  public:
   CameraRays() = default;
-  /// The camera whose space `cacheToCamera` leads to, at one time.
-  CameraRays(const cache::CameraRecord& camera, const DMat4& cacheToCamera);
+  /// The camera whose space `cacheToCamera` leads to, at equally spaced times over the shutter
+  /// (frameCameraKeys()).
+  CameraRays(const cache::CameraRecord& camera, const std::vector<DMat4>& cacheToCamera,
+             const FrameLens& lens);
 
   bool perspective() const { return perspective_; }
   /// The ray through raster position (x, y), in pixels, y down; between the clipping planes. Sees what
-  /// cameras see.
-  Ray ray(double x, double y) const;
+  /// cameras see, at the sample's time, from its place on the lens.
+  Ray ray(double x, double y, const SamplePattern::Blur& blur = {}) const;
   /// Camera space z at `distance` along such a ray.
   float depth(const Ray& ray, float distance) const {
-    return originDepth_ + distance * glm::dot(depthAxis_, ray.direction);
+    return originDepth_ + distance * glm::dot(depthAxis(ray.time), ray.direction);
   }
   /// Half a pixel, as rays carry their footprints: its radius at the origin, and its growth per unit of
   /// distance.
   float footprintRadius() const { return perspective_ ? 0.0f : halfPixel_; }
   float footprintSpread(const Ray& ray) const {
-    return perspective_ ? halfPixel_ * glm::dot(depthAxis_, ray.direction) : 0.0f;
+    return perspective_ ? halfPixel_ * glm::dot(depthAxis(ray.time), ray.direction) : 0.0f;
   }
 
  private:
   bool perspective_ = true;
   // Raster to camera space at z = 1 (perspective) or any z: position = raster * scale + offset.
   double scaleX_ = 1, scaleY_ = 1, offsetX_ = 0, offsetY_ = 0;
-  DMat4 cameraToCache_{1.0};
-  Vec3 depthAxis_{0, 0, 1};  // camera z per unit of cache space
+  /// Camera z per unit of cache space.
+  Vec3 depthAxis(float time) const;
+  DMat4 cacheToCamera(float time) const;
+
+  std::vector<DMat4> cacheToCamera_{DMat4(1.0)};  // by key
+  DMat4 cameraToCache_{1.0};                      // of the first key
+  double lensRadius_ = 0, focalDistance_ = 1;
   double near_ = 0, far_ = 0, start_ = 0;
   float originDepth_ = 0;
   float halfPixel_ = 0;  // perspective: per unit of camera z, in cache space

@@ -11,6 +11,7 @@
 #include <thread>
 #include <tuple>
 
+#include "base/cores.h"
 #include "base/isa.h"
 #include "scene_cache/primitive_source.h"
 #include "tracer/border_stitch.h"
@@ -77,7 +78,7 @@ class RaySceneBuilder {
     scene_->cache_ = &cache_;
     scene_->solids_ = SolidForest(cache_.skeleton());
     scene_->solidTrees_.resize(scene_->solids_.treeCount());
-    const int cores = int(std::max(1u, std::thread::hardware_concurrency()));  // oneTBB has no more workers
+    const int cores = availableCores();  // oneTBB has no more workers
     threads_ = options_.threads > 0 ? std::min(options_.threads, cores) : cores;
     tbb::task_arena arena(threads_);
     arena.execute([&] { prepareAll(); });

@@ -11,6 +11,7 @@
 #include <new>
 #include <thread>
 
+#include "base/cores.h"
 #include "imaging/frame_request.h"
 #include "imaging/tile_order.h"
 #include "tracer/tile_tracer.h"
@@ -53,14 +54,6 @@ std::vector<CameraSurface> cameraSurfaces(const cache::SceneCache& cache, const 
     all[o.attributes].shadeGroup = shading.shadeGroup(o.attributes);
   }
   return all;
-}
-
-void warnOfMissingFeatures(const cache::CameraRecord& camera) {
-  if (camera.dof[0] < 1e30f && camera.dof[1] > 0)
-    reportOnce("depth of field", Error{RiError::kUnimplemented,
-                                       Severity::kWarning,
-                                       {},
-                                       "depth of field is not rendered yet: everything is sharp"});
 }
 
 /// Tiles handed out to threads, and what comes back.
@@ -144,7 +137,6 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   const auto start = std::chrono::steady_clock::now();
   const cache::Skeleton& skeleton = cache.skeleton();
   const cache::CameraRecord& camera = skeleton.camera();
-  warnOfMissingFeatures(camera);
 
   const FrameGeometry geometry = frameGeometry(skeleton);
   if (geometry.crop.empty()) return makeError(RiError::kRange, "the crop window holds no pixels");
@@ -156,7 +148,7 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
     if (displays.empty()) return TraceRenderStatistics{};
   }
 
-  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  const int cores = availableCores();
   const int threads = std::clamp(options.threads > 0 ? options.threads : cores, 1, 1024);
   RayTracerOptions tracerOptions;
   tracerOptions.scene = {options.patchMultiplier, threads, true};
@@ -164,12 +156,14 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
 
   FrameTrace trace;
   trace.tracer = &tracer;
-  trace.camera = CameraRays(camera, skeleton.cacheToCamera(camera.shutter[0]));
+  trace.camera = CameraRays(camera, frameCameraKeys(skeleton), frameLens(skeleton));
   if (const Ray r = trace.camera.ray(0, 0); !isFinite(r.direction) || !isFinite(r.origin))
     return makeError(RiError::kMath, "the camera's transformation or projection cannot be inverted");
   trace.adaptive = adaptiveOf(skeleton, options);
-  trace.pattern = trace.adaptive ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed)
-                                 : frameSamplePattern(skeleton, options.seed);
+  trace.pattern = trace.adaptive
+                      ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed,
+                                      {frameMoves(skeleton), frameLens(skeleton).radius > 0, false})
+                      : frameSamplePattern(skeleton, options.seed);
   trace.surfaces = cameraSurfaces(cache, shading);
   trace.midpointDepth = frameDepthFilter(skeleton).midpoint;
   if (trace.midpointDepth)  // what lies behind the first surface is wanted too

@@ -115,10 +115,12 @@ void TileTracer::compact(TracedTile& out) {
 
 void TileTracer::add(const PixelRect& rect, uint32_t pixel, uint32_t sample, TracedTile& out) {
   const int px = rect.x0 + int(pixel) % rect.width(), py = rect.y0 + int(pixel) / rect.width();
-  const SamplePattern::Offset at = frame_.pattern.offsets()[frame_.pattern.first(px, py) + sample];
+  const size_t index = frame_.pattern.first(px, py) + sample;
+  const SamplePattern::Offset at = frame_.pattern.offsets()[index];
   const double x = double(at.x) / kSubpixels, y = double(at.y) / kSubpixels;
   Path& p = paths_.emplace_back();
-  p.ray = frame_.camera.ray(px + x, py + y);
+  p.ray = frame_.pattern.blurs().empty() ? frame_.camera.ray(px + x, py + y)
+                                         : frame_.camera.ray(px + x, py + y, frame_.pattern.blurs()[index]);
   p.through = Color(1), p.color = p.opacity = Color(0);
   p.seed = hashStep(hashStep(hashStep(frame_.seed, uint64_t(uint32_t(px)) << 32 | uint32_t(py)), sample),
                     0xca3e7a);

@@ -6,6 +6,7 @@
 #include <array>
 #include <thread>
 
+#include "base/cores.h"
 #include "shm/memory_info.h"
 #include "tracer/inproc_oracle.h"
 #include "tracer/server.h"
@@ -180,8 +181,7 @@ Result<void> TracerProcess::introduce() {
   for (const std::string& path : options_.shaderPath)
     if (Result<void> r = sendMessage(child_->socket(), MessageType::kPath, {}, path); !r) return r;
   SceneMessage scene{};
-  scene.threads =
-      options_.threads > 0 ? options_.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  scene.threads = options_.threads > 0 ? options_.threads : availableCores();
   scene.maxRayLevel = options_.maxRayLevel;
   scene.patchMultiplier = options_.patchMultiplier;
   const auto fds = cache_.segments();

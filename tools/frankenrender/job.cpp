@@ -10,6 +10,7 @@
 #include <memory>
 #include <thread>
 
+#include "base/cores.h"
 #include "base/log.h"
 #include "oracle/ray_client.h"
 #include "reyes/renderer.h"
@@ -46,7 +47,7 @@ Result<std::vector<std::string>> rayServerCommand(const CommandLine& c, int fram
 }
 
 Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameReport& report) {
-  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  const int threads = c.threads > 0 ? c.threads : availableCores();
   ShadingSystem::Options shadingOptions;
   shadingOptions.shaderPath = shaderFolders(c.shaderPath, cache.skeleton(), c.inputs);
   shadingOptions.standardShaders = standardShaderFolder();
@@ -122,7 +123,7 @@ bool isCacheFile(const std::string& path) { return std::filesystem::path(path).e
 
 int runJob(const CommandLine& c) {
   setLogLevel(c.quiet ? Severity::kError : Severity::kInfo);
-  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
 
   int frames = 0;

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <thread>
 
+#include "base/cores.h"
 #include "base/log.h"
 #include "shading/shader_library.h"
 #include "shading/shading_system.h"
@@ -111,7 +112,7 @@ int runRayServer(int argc, char** argv) {
   if (!parsed.run) return parsed.exitCode;
   const RayServerCommand& c = *parsed.run;
   setLogLevel(c.silent ? Severity::kError : Severity::kInfo);
-  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));
 
   tracer::RayServerOptions options;

@@ -9,6 +9,7 @@
 #include <memory>
 #include <thread>
 
+#include "base/cores.h"
 #include "base/log.h"
 #include "shading/shader_library.h"
 #include "tools/rendrib/command_line.h"
@@ -91,7 +92,7 @@ void warnOfIgnoredOptions(const RendribCommandLine& c, bool cacheFile) {
 }
 
 int runScenes(RendribCommandLine c) {
-  const int threads = c.threads > 0 ? c.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+  const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
 
   const auto cacheFile = std::find_if(c.inputs.begin(), c.inputs.end(),

@@ -1,0 +1,73 @@
+#!/usr/bin/env python3
+"""Renders the benchmark's scenes with frankenrender, and prints seconds, peak memory, and what each stage did.
+
+    bench/reyes/run.py --program build/release/bin/frankenrender [--threads 1,2] [--repeats 3] [scene ...]
+
+Peak memory is of frankenrender and its ray tracer together, resident pages counted once a process (an upper bound)."""
+
+import argparse
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import time
+
+import scenes
+
+
+def run(program, rib, folder, threads):
+    started = time.monotonic()
+    done = subprocess.run([program, '--stats', '--no-progress', '--threads', str(threads), rib], cwd=folder,
+                          capture_output=True, text=True)
+    seconds = time.monotonic() - started
+    if done.returncode != 0:
+        sys.exit(f'{rib}: exit status {done.returncode}\n{done.stderr}')
+    return seconds, done.stdout + done.stderr
+
+
+def number(pattern, text):
+    found = re.search(pattern, text)
+    return float(found.group(1)) if found else 0.0
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--program', default='build/release/bin/frankenrender')
+    parser.add_argument('--threads', type=lambda s: [int(n) for n in s.split(',')], default=[os.cpu_count()],
+                        help='numbers of threads, with commas between them')
+    parser.add_argument('--repeats', type=int, default=1)
+    parser.add_argument('--json', help='write all figures to this file')
+    parser.add_argument('--keep', help='write the scenes to this folder, and leave them there')
+    parser.add_argument('scenes', nargs='*', help='names: ' + ', '.join(scenes.SCENES))
+    arguments = parser.parse_args()
+    program = str(pathlib.Path(arguments.program).resolve())
+    unknown = [s for s in arguments.scenes if s not in scenes.SCENES]
+    if unknown:
+        parser.error(f'no such scene: {", ".join(unknown)}')
+    rows = []
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = pathlib.Path(arguments.keep or temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in scenes.SHADERS.items():
+            (folder / f'{name}.sl').write_text(text)
+        print(f'{"scene":24} {"threads":>7} {"seconds":>8} {"MiB":>6} {"M points shaded":>15} {"M rays":>7}')
+        for name in arguments.scenes or scenes.SCENES:
+            (folder / f'{name}.rib').write_text(scenes.SCENES[name]())
+            for threads in arguments.threads:
+                best, report = min((run(program, f'{name}.rib', folder, threads) for _ in range(arguments.repeats)),
+                                   key=lambda r: r[0])
+                row = {'scene': name, 'threads': threads, 'seconds': round(best, 3),
+                       'MiB': number(r'both \(PSS\)\s+([\d.]+)', report) or number(r'REYES process\s+PSS ([\d.]+)', report),
+                       'shaded': number(r'grids shaded\s+\d+\s+\((\d+) points', report) / 1e6,
+                       'rays': sum(float(n) for n in re.findall(r'(\d+) from (?:REYES|shaders)', report)) / 1e6}
+                rows.append(row)
+                print(f'{name:24} {threads:7} {best:8.2f} {row["MiB"]:6.0f} {row["shaded"]:15.2f} {row["rays"]:7.2f}', flush=True)
+    if arguments.json:
+        pathlib.Path(arguments.json).write_text(json.dumps(rows, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
