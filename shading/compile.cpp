@@ -60,7 +60,7 @@ Result<void> finish(ShaderProgram& p, const CompileOptions& options, const PassC
   extractConstantDefaults(p);
   if (options.optimize >= 1) {
     PassContext quiet = context;
-    quiet.lint = false;
+    quiet.lint = Lint::kNone;
     mergeAssignments(p, inferUniformity(p, quiet));
     removeDeadCode(p);
   }

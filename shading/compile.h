@@ -13,7 +13,7 @@ struct CompileOptions {
   std::vector<std::string> includePaths;
   std::vector<std::string> defines;       // NAME or NAME=VALUE; "!NAME" undefines a predefined macro
   std::vector<std::string> shadeopPaths;  // folders of shared objects with functions (shadeop_library.h)
-  bool lint = false;                      // more warnings (slc -W)
+  Lint lint = Lint::kNone;
   int optimize = 2;                       // 0 nothing, 1 dead code and copies, 2 also shared registers
 };
 

@@ -14,7 +14,7 @@ namespace {
 std::string messages(const std::string& source, bool lint = false) {
   Diagnostics d;
   CompileOptions o;
-  o.lint = lint;
+  o.lint = lint ? Lint::kAll : Lint::kNone;
   auto p = compileShaderString(source, o, d, "a.sl");
   EXPECT_EQ(p.ok(), !d.hasErrors());
   std::string r;

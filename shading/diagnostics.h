@@ -18,6 +18,13 @@ struct SourcePlace {
   uint32_t column = 0;
 };
 
+/// Which warnings a compilation gives.
+enum class Lint : uint8_t {
+  kNone,    // those alone that say that something is not what was written (a missing default value ...)
+  kCommon,  // also what is most likely wrong: variables without a value, derivatives of undefined neighbours
+  kAll,     // also what is superfluous or loose: unused variables, points used as vectors
+};
+
 struct Diagnostic {
   Severity severity = Severity::kError;
   RiError code = RiError::kSyntax;

@@ -34,10 +34,10 @@ class Lexer {
  private:
   char at(size_t i) const { return i < text_.size() ? text_[i] : '\0'; }
 
-  void error(size_t offset, std::string message) {
+  void error(size_t offset, std::string message, std::string hint = {}) {
     const SourcePlace place = source_.placeOf(offset);
-    diagnostics_.add({Severity::kError, RiError::kSyntax, source_.location(place), std::move(message), "",
-                      source_.line(place)});
+    diagnostics_.add({Severity::kError, RiError::kSyntax, source_.location(place), std::move(message),
+                      std::move(hint), source_.line(place)});
   }
 
   bool skipBlank() {
@@ -98,8 +98,12 @@ class Lexer {
       }
     } else if (!punctuation(t)) {
       const unsigned char b = static_cast<unsigned char>(c);
-      error(i_, b >= 32 && b < 127 ? fmt::format("unexpected character '{}'", c)
-                                   : fmt::format("unexpected byte 0x{:02x}", b));
+      error(i_,
+            b >= 32 && b < 127 ? fmt::format("unexpected character '{}'", c)
+                               : fmt::format("unexpected byte 0x{:02x}", b),
+            c == '&' || c == '|' ? "there are no operations on bits; conditions are joined with && and ||"
+            : c == '\''          ? "strings stand between double quotes"
+                                 : "");
       ++i_;
       return;
     }
@@ -208,7 +212,7 @@ class Lexer {
         return true;
       }
     }
-    if (at(i_) == '\0' || !std::strchr("+-*/^.<>=!?:;,(){}[]", at(i_))) return false;
+    if (at(i_) == '\0' || !std::strchr("+-*/%^.<>=!?:;,(){}[]", at(i_))) return false;
     t.text = at(i_++);
     return true;
   }

@@ -21,7 +21,7 @@ struct LowerInput {
   const ast::File* prelude = nullptr;
   Diagnostics* diagnostics = nullptr;
   const NoLintLines* noLint = nullptr;
-  bool lint = false;
+  Lint lint = Lint::kNone;
   const std::vector<std::string>* shadeopPaths = nullptr;  // folders of shared objects with functions
 };
 
@@ -107,7 +107,8 @@ class Lower {
   // lower_scope.cpp
   void error(const SourcePlace& place, std::string message, std::string hint = {},
              RiError code = RiError::kSyntax);
-  void warn(const SourcePlace& place, std::string message, std::string hint = {}, bool always = false);
+  /// Given at `level` and above.
+  void warn(const SourcePlace& place, std::string message, std::string hint = {}, Lint level = Lint::kAll);
   void at(const SourcePlace& place);
   Binding* find(const std::string& name, const SourcePlace& place);
   Binding* findFrom(Scope* from, const std::string& name, bool* crossed);

@@ -100,7 +100,7 @@ Value Lower::nameValue(const Expr& e) {
     return {};
   }
   if (b->isLocal && !b->isWritten && !b->isRead)
-    warn(e.place, fmt::format("'{}' is used before it has a value", e.text));
+    warn(e.place, fmt::format("'{}' is used before it has a value", e.text), "", Lint::kCommon);
   return {read(*b), b->type};
 }
 
@@ -418,7 +418,7 @@ Value Lower::assignValue(const Expr& e) {
   if (target.kind == ExprKind::kIndex) index = converted(*target.args[0], SlType::kFloat);
   if (b) b->isWritten = written;  // not yet: x = x + 1 reads what nobody has set
   if (b && e.text != "=" && target.kind == ExprKind::kName && b->isLocal && !b->isWritten && !b->isRead)
-    warn(target.place, fmt::format("'{}' is used before it has a value", target.text));
+    warn(target.place, fmt::format("'{}' is used before it has a value", target.text), "", Lint::kCommon);
   Value v = expression(*e.args[1], {type, e.text == "="});
   if (b) b->isWritten = true;
   if (b && b->type != v.type && isPlace(b->type) != isPlace(v.type) && isTriple(b->type) &&

@@ -77,8 +77,8 @@ void Lower::error(const SourcePlace& place, std::string message, std::string hin
                         std::move(hint), in_.source->line(place)});
 }
 
-void Lower::warn(const SourcePlace& place, std::string message, std::string hint, bool always) {
-  if (!in_.lint && !always) return;
+void Lower::warn(const SourcePlace& place, std::string message, std::string hint, Lint level) {
+  if (in_.lint < level) return;
   if (place.file + 1 == in_.source->files.size() && in_.prelude) return;  // our own code
   if (in_.noLint && in_.noLint->count(uint64_t(place.file) << 32 | place.line)) return;
   in_.diagnostics->add({Severity::kWarning, RiError::kSyntax, in_.source->location(place), std::move(message),
@@ -174,9 +174,10 @@ bool Lower::useGlobal(Binding& b, const SourcePlace& place, bool write) {
     return false;
   }
   if (access == kInLights && lightDepth_ == 0)
-    warn(place, fmt::format("'{}' has a value only inside 'illuminance'", info.name), "", true);
+    warn(place, fmt::format("'{}' has a value only inside 'illuminance'", info.name), "", Lint::kNone);
   if (access == kInLightStatement && lightDepth_ == 0)
-    warn(place, fmt::format("'{}' has a value only inside 'illuminate' or 'solar'", info.name), "", true);
+    warn(place, fmt::format("'{}' has a value only inside 'illuminate' or 'solar'", info.name), "",
+         Lint::kNone);
   if (b.symbol == kNoIndex) b.symbol = b_.global(b.global);
   return true;
 }

@@ -522,7 +522,8 @@ void Lower::parameters(const ast::Function& f) {
       initialise(p.symbol, v, length);
     } else {
       if (f.body && !v.output)
-        warn(v.place, fmt::format("parameter '{}' has no default value; 0 is used", v.name), "", true);
+        warn(v.place, fmt::format("parameter '{}' has no default value; 0 is used", v.name), "",
+             Lint::kNone);
       if (length) {
         const std::vector<float> zero(size_t(slTypeFloats(v.type)) * length, 0.0f);
         if (!zero.empty()) b_.assign(p.symbol, b_.constantFloats(v.type, zero, length));

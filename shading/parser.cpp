@@ -76,6 +76,29 @@ void Parser::recover() {
   }
 }
 
+/// After an error in parentheses that open at token `open`: to behind their end, or to before a '{' or '}'.
+void Parser::skipParentheses(size_t open) {
+  int depth = 0;
+  for (size_t i = open; i < pos_; ++i) depth += tokens_[i].is("(") ? 1 : tokens_[i].is(")") ? -1 : 0;
+  while (depth > 0 && peek().kind != TokenKind::kEnd && !peek().is("{") && !peek().is("}")) {
+    if (peek().is("(")) ++depth;
+    if (take().is(")")) --depth;
+  }
+}
+
+/// C's "++" and "--": two signs without a space where no operand can follow.
+bool Parser::atIncrement() const {
+  const SlToken &a = peek(), &b = peek(1);
+  return (a.is("+") || a.is("-")) && b.is(a.text) && a.place.line == b.place.line &&
+         a.place.column + 1 == b.place.column;
+}
+
+void Parser::incrementError() {
+  const std::string op = peek().text;
+  error(peek().place, fmt::format("'{}{}' does not exist in this language", op, op),
+        fmt::format("write x {}= 1", op));
+}
+
 bool Parser::enter() {
   if (nesting_ < 256) {
     ++nesting_;
@@ -202,7 +225,25 @@ bool Parser::formals(std::vector<Variable>& out) {
   return expect(")", "after the parameters");
 }
 
-Stmt* Parser::declaration(Variable v) {
+/// At a type (or a word before one) that begins the declaration of variables.
+bool Parser::atDeclaration() const {
+  SlType type;
+  const SlToken& next = peek(1);
+  return atSpecifier() ||
+         (typeOf(peek(), type) && (next.kind == TokenKind::kIdentifier || next.kind == TokenKind::kKeyword ||
+                                   next.is("[") || next.is("uniform") || next.is("varying")));
+}
+
+Stmt* Parser::declaration() {
+  Variable v;
+  specifiers(v);
+  if (!typeOf(peek(), v.type) || v.type == SlType::kVoid) {
+    error(peek().place, fmt::format("expected a type, found {}", found()));
+    recover();
+    return nullptr;
+  }
+  take();
+  specifiers(v);
   Stmt* s = makeStmt(StmtKind::kDeclaration, peek().place);
   Variable shape = v;
   arraySuffix(shape);
@@ -254,13 +295,16 @@ void Parser::file() {
       {"displacement", ShaderType::kDisplacement},
       {"volume", ShaderType::kVolume},
       {"imager", ShaderType::kImager},
-      {"transformation", ShaderType::kTransformation}};
+      {"transformation", ShaderType::kTransformation},
+      {"atmosphere", ShaderType::kVolume}};  // as some compilers called it
   while (peek().kind != TokenKind::kEnd) {
     if (accept(";")) continue;
     const size_t before = pos_;
     bool known = false;
     for (const auto& [word, type] : kShaderWords) {
-      if (!peek().is(word) || peek(1).kind != TokenKind::kIdentifier) continue;
+      if (peek().kind > TokenKind::kKeyword || peek().text != word ||
+          peek(1).kind != TokenKind::kIdentifier)
+        continue;
       known = true;
       take();
       if (Function* f = functionRest(SlType::kVoid)) file_.shaders.push_back({type, f});
@@ -281,6 +325,8 @@ void Parser::file() {
       NearestWord near(peek().text);
       for (const auto& [word, t] : kShaderWords) near.offer(word);
       hint = near.hint();
+      if (peek().text == "class" || peek().text == "struct")
+        hint = "classes and structures of later versions of the language are not supported";
     } else if (typed) {
       hint = "variables outside of functions and shaders are not part of the language";
     }

@@ -9,7 +9,7 @@ namespace {
 // Level 0 binds least. Within a level operators associate to the left. RISpec 3.2.1 section 13.1: the dot
 // product binds tighter than * and /, the cross product looser.
 constexpr std::string_view kLevels[][4] = {{"||"},     {"&&"}, {"==", "!="}, {"<", "<=", ">", ">="},
-                                           {"+", "-"}, {"^"},  {"*", "/"},   {"."}};
+                                           {"+", "-"}, {"^"},  {"*", "/", "%"}, {"."}};
 constexpr int kLevelCount = 8;
 constexpr uint32_t kMaxDepth = 1000;
 
@@ -78,6 +78,11 @@ Expr* Parser::binary(int level) {
     bool matched = false;
     for (std::string_view op : kLevels[level]) {
       if (op.empty() || !peek().is(op)) continue;
+      if (atIncrement() && (peek(2).is(";") || peek(2).is(")") || peek(2).is("]") || peek(2).is(","))) {
+        incrementError();
+        return nullptr;
+      }
+      if (op == "%") error(peek().place, "'%' does not exist in this language", "write mod(a, b)");
       const SlToken t = take();
       Expr* right = binary(level + 1);
       if (!right) return nullptr;

@@ -28,7 +28,10 @@ class Parser {
   bool expect(std::string_view s, std::string_view where);
   void error(const SourcePlace& place, std::string message, std::string hint = {});
   std::string found() const;
+  bool atIncrement() const;
+  void incrementError();
   void recover();
+  void skipParentheses(size_t open);
   bool enter();
 
   static bool typeOf(const SlToken& t, SlType& type);
@@ -37,7 +40,8 @@ class Parser {
   void arraySuffix(ast::Variable& v);
   bool variableName(ast::Variable& v);
   bool formals(std::vector<ast::Variable>& out);
-  ast::Stmt* declaration(ast::Variable v);
+  bool atDeclaration() const;
+  ast::Stmt* declaration();
   ast::Function* functionRest(SlType result);
   bool looksLikeFunction() const;
 
@@ -45,6 +49,7 @@ class Parser {
   ast::Stmt* statement();
   ast::Stmt* ifStatement();
   ast::Stmt* loopStatement();
+  bool forHead(ast::Stmt* loop, ast::Stmt** declared);
   ast::Stmt* jumpStatement();
   ast::Stmt* lightStatement();
   ast::Stmt* expressionStatement();

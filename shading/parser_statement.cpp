@@ -49,7 +49,7 @@ Stmt* Parser::statement() {
   if (options_.prelude && t.kind == TokenKind::kIdentifier && t.text == "__ambientlights")
     return lightStatement();
 
-  SlType type;
+  SlType type = SlType::kVoid;
   const bool functionFollows = typeOf(t, type) && peek(1).kind == TokenKind::kIdentifier && peek(2).is("(");
   if (functionFollows || looksLikeFunction()) {
     SlType result = SlType::kFloat;
@@ -66,21 +66,7 @@ Stmt* Parser::statement() {
     --pos_;  // a cast in front of a call, as a statement
     return expressionStatement();
   }
-  if (atSpecifier() || (typeOf(t, type) &&
-                        (peek(1).kind == TokenKind::kIdentifier || peek(1).is("[") || peek(1).is("uniform") ||
-                         peek(1).is("varying") || peek(1).kind == TokenKind::kKeyword))) {
-    Variable v;
-    specifiers(v);
-    if (!typeOf(peek(), v.type) || v.type == SlType::kVoid) {
-      error(peek().place, fmt::format("expected a type, found {}", found()));
-      recover();
-      return nullptr;
-    }
-    take();
-    specifiers(v);
-    return declaration(v);
-  }
-  return expressionStatement();
+  return atDeclaration() ? declaration() : expressionStatement();
 }
 
 Stmt* Parser::expressionStatement() {
@@ -88,6 +74,11 @@ Stmt* Parser::expressionStatement() {
   if (peek().is("else")) {
     error(peek().place, "'else' without 'if'");
     take();
+    return nullptr;
+  }
+  if (atIncrement()) {
+    incrementError();
+    recover();
     return nullptr;
   }
   Expr* e = expression();
@@ -122,32 +113,49 @@ Stmt* Parser::ifStatement() {
   return s;
 }
 
+/// init; condition; step) of a loop. `declared`: the variables that `for (float i = 0; ...)` brings along, an
+/// extension of later compilers. False after an error that was reported; all up to the ')' is skipped.
+bool Parser::forHead(Stmt* loop, Stmt** declared) {
+  const auto part = [&](std::string_view end, std::string_view where) {
+    Expr* e = nullptr;
+    if (!peek().is(end) && !(e = expression())) return false;
+    loop->exprs.push_back(e);
+    return expect(end, where);
+  };
+  loop->exprs.clear();
+  if (atDeclaration()) {
+    *declared = declaration();
+    loop->exprs.push_back(nullptr);
+    if (!*declared) return false;
+  } else if (!part(";", "after the first part of 'for'")) {
+    return false;
+  }
+  return part(";", "after the condition of 'for'") && part(")", "before the loop's body");
+}
+
 Stmt* Parser::loopStatement() {
   const bool isFor = peek().is("for");
   Stmt* s = makeStmt(isFor ? StmtKind::kFor : StmtKind::kWhile, peek().place);
   take();
+  const size_t open = pos_;
   expect("(", isFor ? "after 'for'" : "after 'while'");
+  Stmt* declared = nullptr;
+  bool good = true;
   if (isFor) {
-    Expr* init = peek().is(";") ? nullptr : expression();
-    expect(";", "after the first part of 'for'");
-    Expr* condition = peek().is(";") ? nullptr : expression();
-    expect(";", "after the condition of 'for'");
-    Expr* step = peek().is(")") ? nullptr : expression();
-    s->exprs = {init, condition, step};
+    good = forHead(s, &declared);
+    s->exprs.resize(3);
   } else {
     s->exprs.push_back(expression());
-    if (!s->exprs[0]) {
-      recover();
-      return nullptr;
-    }
+    good = s->exprs[0] && expect(")", "before the loop's body");
   }
-  if (!expect(")", "before the loop's body")) {
-    recover();
-    return nullptr;
-  }
+  if (!good) skipParentheses(open);
   Stmt* body = statement();
+  if (!good && !isFor) return body;
   s->body.push_back(body ? body : makeStmt(StmtKind::kEmpty, s->place));
-  return s;
+  if (!declared) return s;
+  Stmt* block = makeStmt(StmtKind::kBlock, s->place);
+  block->body = {declared, s};
+  return block;
 }
 
 Stmt* Parser::jumpStatement() {

@@ -13,7 +13,7 @@ struct PassContext {
   const PreprocessedSource* source = nullptr;
   Diagnostics* diagnostics = nullptr;
   const NoLintLines* noLint = nullptr;
-  bool lint = false;
+  Lint lint = Lint::kNone;
 };
 
 std::string_view preludeSource();

@@ -196,7 +196,7 @@ TEST(BadInput, MutatedSourcesNeverCrash) {
     }
     Diagnostics d;
     CompileOptions o;
-    o.lint = true;
+    o.lint = Lint::kAll;
     auto p = compileShaderString(t, o, d);
     EXPECT_EQ(p.ok(), !d.hasErrors());
     if (p.ok()) {

@@ -33,6 +33,7 @@ class Uniformity {
     uint32_t begin;
     Op op;
     bool varying;
+    bool conditional;  // by the shader's own conditions and jumps; the loops over lights are none
   };
 
   const Symbol& symbol(uint32_t arg) const { return p_.symbols[arg & kArgIndex]; }
@@ -59,6 +60,7 @@ class Uniformity {
   }
 
   bool varying() const { return !frames_.empty() && frames_.back().varying; }
+  bool conditional() const { return !frames_.empty() && frames_.back().conditional; }
 
   void markLoop(uint32_t begin) {
     if (loopVaries_[begin]) return;
@@ -74,38 +76,40 @@ class Uniformity {
   // Points leave everything up to frame k: what follows in these frames runs for some points only.
   void leaveUpTo(size_t k) {
     for (size_t i = k; i < frames_.size(); ++i) {
-      frames_[i].varying = true;
+      frames_[i].varying = frames_[i].conditional = true;
       if (frames_[i].op == Op::loop_begin) markLoop(frames_[i].begin);
     }
   }
 
   void control(uint32_t i, const Instruction& in, bool conditionVaries) {
-    const bool now = varying();
+    const bool now = varying(), chosen = conditional();
     switch (in.op) {
       case Op::if_begin:
-        frames_.push_back({i, in.op, now || conditionVaries});
+        frames_.push_back({i, in.op, now || conditionVaries, chosen || conditionVaries});
         break;
       case Op::loop_begin:
-        frames_.push_back({i, in.op, now || loopVaries_[i]});
+        frames_.push_back({i, in.op, now || loopVaries_[i], chosen || loopVaries_[i]});
         break;
       case Op::loop_test:
         if (conditionVaries && !frames_.empty()) {
           markLoop(frames_.back().begin);
-          frames_.back().varying = true;
+          frames_.back().varying = frames_.back().conditional = true;
         }
         break;
       case Op::inline_begin:
-        frames_.push_back({i, in.op, now});
+        frames_.push_back({i, in.op, now, chosen});
         break;
       case Op::illuminance_begin:
       case Op::illuminance_cone_begin:
       case Op::ambient_begin:
-      case Op::gather_begin:
       case Op::illuminate_begin:
       case Op::illuminate_cone_begin:
       case Op::solar_begin:
       case Op::solar_cone_begin:
-        frames_.push_back({i, in.op, true});
+        frames_.push_back({i, in.op, true, chosen});
+        break;
+      case Op::gather_begin:
+        frames_.push_back({i, in.op, true, true});
         break;
       case Op::if_else:
         break;
@@ -166,7 +170,7 @@ class Uniformity {
       }
       if (final) {
         under_[i] = varying();
-        if (varying() && (info.flags & kOpDerivative))
+        if (conditional() && (info.flags & kOpDerivative))
           lint(in, fmt::format("the result of '{}' is undefined where only some points are active",
                                sourceName(info.name)));
       }
@@ -200,7 +204,7 @@ class Uniformity {
   }
 
   void lint(const Instruction& in, std::string message) {
-    if (!context_.lint || in.file() + 1 >= context_.source->files.size()) return;
+    if (context_.lint < Lint::kCommon || in.file() + 1 >= context_.source->files.size()) return;
     if (context_.noLint && context_.noLint->count(uint64_t(in.file()) << 32 | in.line())) return;
     report(Severity::kWarning, in, std::move(message), "");
   }

@@ -13,7 +13,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   fr::setReportSink([](const fr::Error&) {});
   fr::Diagnostics diagnostics;
   fr::CompileOptions options;
-  options.lint = true;
+  options.lint = fr::Lint::kAll;
   const auto programs =
       fr::compileShaders("fuzz.sl", {reinterpret_cast<const char*>(data), size}, options, diagnostics);
   const auto fail = [](const std::string& what) {
