@@ -24,7 +24,8 @@ uint64_t rayQueryFingerprint() {
                          offsetof(Q, cell), offsetof(Q, u), offsetof(Q, v), offsetof(Q, seed),
                          offsetof(Q, importance), offsetof(Q, point), offsetof(Q, color),
                          offsetof(Q, hitDistance), offsetof(Q, hitP), offsetof(Q, hitN), offsetof(Q, missP),
-                         offsetof(Q, missR), offsetof(Q, missDepth), kMaxRays);
+                         offsetof(Q, missR), offsetof(Q, missDepth), kMaxRays, offsetof(RayTerms, opaque),
+                         offsetof(RayTerms, label), offsetof(RayTerms, subset), offsetof(RayTerms, extras));
 }
 
 Result<void> sendControl(shm::PeerSocket& socket, uint32_t type, uint64_t fingerprint,

@@ -184,7 +184,8 @@ bool readPipeReply(std::span<const std::byte> bytes, RayKind kind, const WorldSp
 
 uint64_t pipeFingerprint() {
   return shm::layoutHash(kPipeVersion, sizeof(RaysHeader), sizeof(AnswersHeader), sizeof(RaySceneInfo),
-                         sizeof(RayTerms), sizeof(RayServerNumbers), uint64_t(kCounterCount), kMaxRays);
+                         sizeof(RayTerms), offsetof(RayTerms, opaque), sizeof(RayServerNumbers),
+                         uint64_t(kCounterCount), kMaxRays);
 }
 
 PipeQuery pipeHello() {

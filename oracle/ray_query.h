@@ -36,7 +36,7 @@ inline constexpr uint32_t kMaxExtraAnswers = 12;
 
 /// What a call site says about all its rays. All bytes 0: nothing said. Strings end with 0.
 struct RayTerms {
-  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4 };
+  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4, kHasOpaque = 8 };
   RayClass rayClass;
   uint32_t flags;
   float maxDistance;      // hits farther away are none; 0: no limit. Not for visibility
@@ -44,8 +44,9 @@ struct RayTerms {
   uint32_t diffuseDepth;  // of these rays: diffuse rays on the way from the camera, themselves included
   uint32_t shadowDepth;   // the same of transmission rays
   HitMode hitMode;
-  char label[52];          // raylabel() at hits
-  char subset[64];         // groups (Attribute "grouping" "membership") that are seen, "": all
+  float opaque[3];  // kHasOpaque: a ray ends at the surface behind which its opacity is this everywhere
+  char label[40];   // raylabel() at hits
+  char subset[64];  // groups (Attribute "grouping" "membership") that are seen, "": all
   char excludeSubset[64];  // groups that are not
   /// Wanted extra answers, not of visibility, a line each: number of components (1 or 3), a space, a name:
   /// "surface:x", "displacement:x", "volume:x", "primitive:x", "attribute:x" of the nearest hit;

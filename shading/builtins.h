@@ -26,6 +26,8 @@ enum class Lowering : uint8_t {
   kTexture,    // texture, environment, shadow, bump
   kPhotonMap,  // N = 0 when not given
   kBake3d,
+  kIsOutput,  // a variable stands for its name
+  kGetVar,    // the shader that is asked: null, or a string
 };
 
 /// Characters of `result`: f m s; c p v n; x nothing; t any triple the context wants; T type of the T

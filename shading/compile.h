@@ -14,7 +14,7 @@ struct CompileOptions {
   std::vector<std::string> defines;       // NAME or NAME=VALUE; "!NAME" undefines a predefined macro
   std::vector<std::string> shadeopPaths;  // folders of shared objects with functions (shadeop_library.h)
   Lint lint = Lint::kNone;
-  int optimize = 2;                       // 0 nothing, 1 dead code and copies, 2 also shared registers
+  int optimize = 2;  // 0 nothing, 1 dead code and copies, 2 also shared registers
 };
 
 /// Compiles all shaders of `source` (surface, light ... definitions, in order). On errors the diagnostics say
@@ -31,6 +31,6 @@ Result<ShaderProgram> compileShaderString(const std::string& source, const Compi
                                           const std::string& fileName = "shader.sl");
 
 /// Counts up whenever the compiler produces other programs from the same source.
-inline constexpr uint32_t kCompilerVersion = 2;
+inline constexpr uint32_t kCompilerVersion = 3;
 
 }  // namespace fr

@@ -124,6 +124,49 @@ TEST(CompilerMessages, LintOfEveryKind) {
             "2:34 uniform variable 'k' changes where only some points are active");
 }
 
+TEST(CompilerMessages, HabitsOfOtherLanguages) {
+  EXPECT_EQ(messages(body("  float i = 0; i++;\n  --i;\n  Ci = i;")),
+            "2:17 '++' does not exist in this language (write x += 1)\n"
+            "3:3 '--' does not exist in this language (write x -= 1)\n");
+  EXPECT_EQ(messages(body("  float i; for (i = 0; i < 3; i++) Ci = nowhere;")),
+            "2:32 '++' does not exist in this language (write x += 1)\n2:41 unknown variable 'nowhere'\n");
+  EXPECT_EQ(messages(body("  Ci = 5 % K;")), "2:10 '%' does not exist in this language (write mod(a, b))\n");
+  EXPECT_EQ(messages(body("  Ci = K - -K - - 1;")), "");
+  EXPECT_EQ(
+      messages("struct s { float x; }\nsurface a() { Ci = 1; }"),
+      "1:1 expected a shader or a function, found 'struct' (classes and structures of later versions of the "
+      "language are not supported)\n");
+}
+
+TEST(CompilerMessages, OneMistakeIsSaidOnce) {
+  // A missing semicolon loses neither the next declaration nor the rest of the loop.
+  EXPECT_EQ(messages(body("  float x\n  float y = 2;\n  Ci = x + y;")),
+            "2:10 expected ';' after the declaration, found 'float'\n");
+  EXPECT_EQ(messages(body("  float i; for (i = 0; i < 3 { Ci = nowhere; }\n  Ci = nowhere;")),
+            "2:30 expected ';' after the condition of 'for', found '{'\n2:37 unknown variable 'nowhere'\n");
+  EXPECT_EQ(messages(body("  while (K < 3 Ci = 1;\n  Ci = elsewhere;")).substr(0, 5), "2:16 ");
+}
+
+TEST(CompilerMessages, LevelsOfWarnings) {
+  const auto count = [](Lint lint) {
+    Diagnostics d;
+    CompileOptions o;
+    o.lint = lint;
+    (void)compileShaderString("surface a(float K) { float unused, x; x += 1; if (s > .5) Ci = Du(x); }", o, d)
+        .ok();
+    return d.warningCount();
+  };
+  EXPECT_EQ(count(Lint::kNone), 1u);    // no default
+  EXPECT_EQ(count(Lint::kCommon), 3u);  // and: no value, derivative
+  EXPECT_EQ(count(Lint::kAll), 5u);     // and: two unused
+  // Loops over lights are no conditions: lights look up their maps there.
+  Diagnostics d;
+  CompileOptions o;
+  o.lint = Lint::kAll;
+  (void)compileShaderString("light a() { illuminate(P) { Cl = 1 - shadow(\"x\", Ps); } }", o, d).ok();
+  EXPECT_EQ(d.str(), "");
+}
+
 TEST(CompilerMessages, AllErrorsInOneRun) {
   const std::string m = messages(
       "float unused(float x) { return nothing; }\nfloat f(float x) { return nowhere; }\n"
@@ -151,6 +194,21 @@ TEST(Preprocessor, MacrosConditionsAndIncludes) {
   std::string bomb = "#define A0 1+1\n";
   for (int i = 1; i < 40; ++i) bomb += fmt::format("#define A{} A{}+A{}\n", i, i - 1, i - 1);
   EXPECT_NE(messages(bomb + "surface a() { Ci = A39; }").find("too much text"), std::string::npos);
+}
+
+TEST(Preprocessor, WhatOtherProgramsLeave) {
+  EXPECT_EQ(messages("# 100 \"other.sl\" 1 3\nsurface a() { Ci = x; }\n# 5\nsurface b() { Ci = y; }"),
+            "100:20 unknown variable 'x'\n5:20 unknown variable 'y'\n");
+  // Blanks behind the backslash, lines of DOS.
+  EXPECT_EQ(
+      messages("#define SUM(a, b) \\  \r\n  ((a) + \\\t\r\n  (b))\r\nsurface a() { Ci = SUM(1, 2); }\r\n"),
+      "");
+  EXPECT_EQ(messages("#if 0\ndon't \"look\n#endif\nsurface a() { Ci = 1; }"), "");
+  EXPECT_EQ(messages("surface a() { Ci = 1;\n /* \" */ /* open\n }"), "2:10 comment without an end\n");
+  EXPECT_EQ(messages("#ifdef A\n#endif\n #if 1\nsurface a() { Ci = 1; }\n").substr(0, 35),
+            "3:1 this condition has no #endif\n");
+  EXPECT_EQ(messages("#pragma annotation \"grouping\" \\\n \"Ka\"\nsurface a() { Ci = x; }"),
+            "3:20 unknown variable 'x'\n");
 }
 
 TEST(Preprocessor, IncludedFileIsNamedInMessages) {
@@ -292,6 +350,19 @@ TEST(Builtins, TheTableIsSortedAndItsOperationsExist) {
   for (const Builtin& b : all) EXPECT_EQ(opByName(opInfo(b.op).name), b.op);
   EXPECT_EQ(findBuiltins("noise").size(), 8u);
   EXPECT_TRUE(findBuiltins("nois").empty());
+}
+
+TEST(Language, LoopsDeclareTheirVariable) {
+  EXPECT_EQ(messages(body("  float r = 0, i = 7; for (float i = 0; i < 3; i += 1) r += i;\n"
+                          "  for (uniform float i = 0; i < 3; i += 1) { r += i; } Ci = r + i;")),
+            "");
+  EXPECT_EQ(messages(body("  for (float i = 0; i < 3; i += 1) Ci += i;\n  Ci += i;")),
+            "3:9 unknown variable 'i'\n");
+}
+
+TEST(Language, AtmosphereIsAVolume) {
+  EXPECT_EQ(compile("atmosphere a(float d = 1) { Ci = mix(Ci, color 1, d); Oi = Oi; }").type,
+            ShaderType::kVolume);
 }
 
 TEST(Language, ARareCollection) {

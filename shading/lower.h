@@ -120,6 +120,7 @@ class Lower {
   Binding* writable(const Expr& e);
   uint32_t read(Binding& b);
   std::string unknownNameHint(const std::string& name) const;
+  void unknownVariable(const Expr& e);
 
   // lower_type.cpp
   SlType typeOf(const Expr& e, Want want = {});
@@ -192,6 +193,7 @@ class Lower {
   void illuminance(const Stmt& s);
   void lightStatement(const Stmt& s);
   void gather(const Stmt& s);
+  Value kept(Value v);
   void scoped(const Stmt& s, bool tail);
   void parameters(const ast::Function& f);
   bool arrayLength(const ast::Variable& v, uint32_t& length);
@@ -212,6 +214,7 @@ class Lower {
   std::unordered_map<const Expr*, std::vector<std::pair<uint16_t, SlType>>> types_;
   std::unordered_map<const Expr*, std::vector<std::pair<uint16_t, Call>>> calls_;
   std::unordered_map<const ast::Function*, std::set<std::string>> assigned_;
+  std::set<std::string> unknown_;  // variables that were reported
   struct FoundShadeops {
     std::vector<const Shadeop*> overloads;
     std::string error;  // what is wrong with the library

@@ -63,7 +63,8 @@ Value Lower::call(const Expr& e, Want want) {
     const size_t before = in_.diagnostics->errorCount();
     for (const Expr* a : e.args)
       if (!isArrayName(*a, nullptr)) expression(*a);
-    if (in_.diagnostics->errorCount() != before && (userKnown || !builtins.empty())) return {};
+    const bool said = in_.diagnostics->errorCount() != before || !unknown_.empty();
+    if (said && (userKnown || !builtins.empty())) return {};
   }
   if (userKnown || !builtins.empty()) {
     std::string hint;
@@ -143,6 +144,7 @@ bool Lower::pairs(const Expr& e, size_t first, Op op, std::vector<uint32_t>& ope
     error(e.place, fmt::format("the optional parameters of '{}' come in pairs: \"name\", value", e.text));
     return false;
   }
+  const bool loop = (opInfo(op).flags & kOpControl) != 0;
   for (size_t i = first; i + 1 < e.args.size(); i += 2) {
     const Expr& nameExpr = *e.args[i];
     const Expr& valueExpr = *e.args[i + 1];
@@ -166,7 +168,7 @@ bool Lower::pairs(const Expr& e, size_t first, Op op, std::vector<uint32_t>& ope
         error(valueExpr.place, "this function has no value");
         return false;
       }
-      operand = v.symbol;
+      operand = loop ? kept(v).symbol : v.symbol;
     }
     operands.push_back(name.symbol);
     operands.push_back(operand);
@@ -292,6 +294,33 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
       return textureCall(b, e, result);
     case Lowering::kTransform:
       return transformCall(b, e, result);
+    case Lowering::kIsOutput: {
+      const Expr& what = *e.args[0];
+      SlType element = SlType::kVoid;
+      const bool named =
+          what.kind == ExprKind::kName && (isArrayName(what, &element) || typeOf(what) != SlType::kString);
+      if (named && !find(what.text, what.place)) return expression(what);  // says that it is unknown
+      const Value name =
+          named ? Value{b_.constantString(what.text), SlType::kString} : converted(what, SlType::kString);
+      if (!name.ok()) return {};
+      at(e.place);
+      return {b_.result(b.op, result, {name.symbol}), result};
+    }
+    case Lowering::kGetVar: {
+      // getvar(null, "name", v): the shader is this one, and there are no others to be named.
+      if (e.args[0]->kind != ExprKind::kName || e.args[0]->text != "null") {
+        error(e.args[0]->place, "there are no variables of shaders in this version of the language",
+              "write getvar(\"name\", variable)");
+        return {};
+      }
+      Value name = converted(*e.args[1], SlType::kString);
+      const uint32_t variable = variableOperand(*e.args[2], outputs);
+      if (!name.ok() || variable == kNoIndex) return {};
+      at(e.place);
+      const uint32_t r = b_.result(b.op, result, {name.symbol, variable});
+      storeOutputs(outputs);
+      return {r, result};
+    }
     default:
       break;
   }

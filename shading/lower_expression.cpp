@@ -88,9 +88,7 @@ Value Lower::condition(const Expr& e) {
 Value Lower::nameValue(const Expr& e) {
   Binding* b = find(e.text, e.place);
   if (!b) {
-    std::string hint = unknownNameHint(e.text);
-    if (!findBuiltins(e.text).empty()) hint = fmt::format("'{}' is a function", e.text);
-    error(e.place, fmt::format("unknown variable '{}'", e.text), hint);
+    unknownVariable(e);
     return {};
   }
   if (!useGlobal(*b, e.place, false)) return {};
@@ -120,7 +118,7 @@ Value Lower::componentValue(const Expr& e) {
 Value Lower::indexValue(const Expr& e) {
   Binding* b = find(e.text, e.place);
   if (!b) {
-    error(e.place, fmt::format("unknown variable '{}'", e.text), unknownNameHint(e.text));
+    unknownVariable(e);
     return {};
   }
   if (!useGlobal(*b, e.place, false)) return {};

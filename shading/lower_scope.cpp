@@ -160,6 +160,13 @@ std::string Lower::unknownNameHint(const std::string& name) const {
   return near.hint();
 }
 
+/// Once for each name: the others follow from the first.
+void Lower::unknownVariable(const Expr& e) {
+  if (!unknown_.insert(e.text).second) return;
+  error(e.place, fmt::format("unknown variable '{}'", e.text),
+        findBuiltins(e.text).empty() ? unknownNameHint(e.text) : fmt::format("'{}' is a function", e.text));
+}
+
 bool Lower::useGlobal(Binding& b, const SourcePlace& place, bool write) {
   if (!b.isGlobal) return true;
   const Access access = accessOf(b.global, type_);
@@ -190,7 +197,7 @@ uint32_t Lower::read(Binding& b) {
 Binding* Lower::writable(const Expr& e) {
   Binding* b = find(e.text, e.place);
   if (!b) {
-    error(e.place, fmt::format("unknown variable '{}'", e.text), unknownNameHint(e.text));
+    unknownVariable(e);
     return nullptr;
   }
   if (!useGlobal(*b, e.place, true)) return nullptr;

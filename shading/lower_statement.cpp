@@ -370,6 +370,19 @@ bool Lower::exprPairs(const Stmt& s, size_t first, Op op, std::vector<uint32_t>&
   return pairs(call, first, op, operands, outputs);
 }
 
+/// Operands of a loop are looked at in every turn, but the shader means their values before the first: what
+/// the body may change is copied. (Copies of what never changes are removed later.)
+Value Lower::kept(Value v) {
+  if (!v.ok()) return v;
+  const Storage storage = b_.symbol(v.symbol).storage;
+  if (storage == Storage::kConstant || storage == Storage::kTemp || storage == Storage::kParameter ||
+      b_.symbol(v.symbol).isArray())
+    return v;
+  const uint32_t copy = b_.local("?", v.type);
+  b_.assign(copy, v.symbol);
+  return {copy, v.type};
+}
+
 void Lower::illuminance(const Stmt& s) {
   const bool ambient = s.kind == StmtKind::kAmbient;
   if (type_ != ShaderType::kSurface && type_ != ShaderType::kVolume)
@@ -382,7 +395,7 @@ void Lower::illuminance(const Stmt& s) {
   bool good = true;
   const auto take = [&](SlType type) {
     if (a >= s.exprs.size()) return false;
-    Value v = converted(*s.exprs[a++], type);
+    Value v = kept(converted(*s.exprs[a++], type));
     if (v.ok()) in.push_back(v.symbol);
     return v.ok();
   };
@@ -487,7 +500,7 @@ void Lower::gather(const Stmt& s) {
     static constexpr SlType kTypes[] = {SlType::kString, SlType::kPoint, SlType::kVector, SlType::kFloat,
                                         SlType::kFloat};
     for (size_t i = 0; i < 5; ++i) {
-      Value v = converted(*s.exprs[i], kTypes[i]);
+      Value v = kept(converted(*s.exprs[i], kTypes[i]));
       good = good && v.ok();
       in.push_back(v.symbol);
     }
@@ -522,8 +535,7 @@ void Lower::parameters(const ast::Function& f) {
       initialise(p.symbol, v, length);
     } else {
       if (f.body && !v.output)
-        warn(v.place, fmt::format("parameter '{}' has no default value; 0 is used", v.name), "",
-             Lint::kNone);
+        warn(v.place, fmt::format("parameter '{}' has no default value; 0 is used", v.name), "", Lint::kNone);
       if (length) {
         const std::vector<float> zero(size_t(slTypeFloats(v.type)) * length, 0.0f);
         if (!zero.empty()) b_.assign(p.symbol, b_.constantFloats(v.type, zero, length));

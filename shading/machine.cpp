@@ -31,7 +31,6 @@ void DerivativeStencil::resize(size_t lanes) {
   for (auto* v : {&uScale, &vScale, &uCell, &vCell}) v->assign(lanes, 0.0f);
 }
 
-
 bool Machine::any(const int32_t* m) const { return kernels().anyActive(m, batch_.lanes); }
 
 void Machine::setGlobals(Frame& f) {
@@ -59,7 +58,7 @@ void Machine::begin(const Batch& batch, const ShaderInstance& shader,
   batch_ = batch;
   partners_ = partners;
   footprintsKnown_ = false;
-  texts_.clear();
+  texts_.clear(), textBytes_ = 0;
   main_.prepare(shader, batch.lanes);
   setGlobals(main_);
   for (const Batch::Override& o : batch.overrides) {

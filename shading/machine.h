@@ -5,8 +5,8 @@
 // call, also one in a light shader that an illuminance loop in a user function called for.
 #pragma once
 
-#include <deque>
 #include <span>
+#include <unordered_set>
 
 #include "oracle/ray_query.h"
 #include "shading/frame.h"
@@ -34,6 +34,8 @@ void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles,
                     uint32_t lanes);
 /// For hits shaded as three points: lane i, its neighbour in u at period + i, in v at 2 period + i.
 void tripleStencil(DerivativeStencil& s, uint32_t period, const float* du, const float* dv);
+
+class PointVariables;
 
 /// The points of one run. Arrays hold `lanes` floats (a multiple of kLanePad), belong to the caller, and stay
 /// valid until the run is done.
@@ -70,6 +72,7 @@ struct Batch {
     Operand values;
   };
   std::span<const Override> overrides;
+  const PointVariables* variables = nullptr;  // for getvar(); nullptr: there are none
 };
 
 /// Rays that a run waits for: current space, one element a ray.
@@ -93,6 +96,14 @@ struct PendingRays {
   void missAll();
 };
 
+/// Variables of the points that no column of the batch holds.
+class PointVariables {
+ public:
+  virtual ~PointVariables() = default;
+  /// One component of the primitive variable `name`, per lane, in current space; nullptr: there is none.
+  virtual const float* variable(std::string_view name, uint32_t component) const = 0;
+};
+
 struct MachineStatistics {
   uint64_t steps = 0, lanesActive = 0, lanesTotal = 0, lightPoints = 0;
 };
@@ -113,7 +124,8 @@ class Machine {
     const ShaderInstance* atmosphere = nullptr;
     const ShaderInstance* interior = nullptr;
     const ShaderInstance* exterior = nullptr;
-    Machine* ranSurface = nullptr;  // for volumes: the machine in which the surface shader has run
+    Machine* ranSurface = nullptr;       // for volumes: the machine in which the surface shader has run
+    Machine* ranDisplacement = nullptr;  // the same of the displacement shader, where its values are known
   };
   void begin(const Batch& batch, const ShaderInstance& shader, std::span<const ShaderInstance* const> lights,
              const Partners& partners);
@@ -153,21 +165,35 @@ class Machine {
   LightState* lightOf(const Frame& f) const;
   // machine_raycall.cpp
   Next rayOp(Frame& f, const Step& s);
-  Next gatherTurn(Frame& f);
+  struct Question;
   struct RayCall;
+  struct Term;
   void describe(Frame& f, const Step& s, RayCall& c);
-  void accumulate(const RayCall& c);
-  void finish(Frame& f, const Step& s, const RayCall& c);
-  void readTerms(Frame& f, const Step& s, uint32_t fixed, RayTerms& t);
-  void wantExtras(Frame& f, const Step& s, uint32_t fixed, RayTerms& t);
+  void accumulate(const Frame& f, const RayCall& c);
+  void averageSums(Frame& f, const Step& s, const RayCall& c);
+  void finish(Frame& f, const Step& s, const RayCall& c, const int32_t* mask);
+  void readTerms(Frame& f, const Step& s, uint32_t fixed, Question& q);
   bool aimAtLight(Frame& f, const RayCall& c);
   bool asksByMapName(Frame& f, const Step& s) const;
+  // machine_gather.cpp
+  Next gatherTurn(Frame& f);
+  void describeGather(Frame& f, const Step& s, const Control& c, Question& q);
+  void takeGathered(Frame& f, const Step& s, Control& c, const Question& q);
+  void wantExtras(Frame& f, const Step& s, RayTerms& t);
+  // machine_environment.cpp
+  bool lookUpEnvironment(const Frame& f, std::string_view map, std::string_view spaceName);
+  void answerEnvironment(const Frame& f, std::string_view map, std::string_view spaceName,
+                         const Operand& out);
   // machine_ray.cpp
-  struct Question;
+  uint32_t mostSamples(const Frame& f, const Question& q) const;
+  void beginGroups(const int32_t* mask, const Question& q);
+  bool nextGroup(Question& q);
   bool ask(Question& q);
   void computeFootprints();
   void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
+  Term term(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const;
+  static uint32_t firstActive(const Frame& f);
   std::string_view optionString(Frame& f, const Step& s, uint32_t fixed, std::string_view name);
   float optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::string_view name,
                     float fallback) const;
@@ -202,6 +228,7 @@ class Machine {
   void formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane, std::string& out);
   bool writeValue(Frame& f, uint32_t arg, const Operand& out, const ShaderValue& v);
   bool copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& from, std::string_view name);
+  bool pointVariable(Frame& f, uint32_t arg, const Operand& out, std::string_view name);
   bool copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
                     std::string_view name);
   void setFloat(const Frame& f, const Operand& out, float value);
@@ -228,11 +255,18 @@ class Machine {
   std::unique_ptr<PendingRays> rays_;
   AlignedFloats scratch_, footprints_, texture_;
   bool footprintsKnown_ = false;
-  std::deque<std::string> texts_;
+  std::unordered_set<std::string> texts_;  // made by this batch; nodes stay where they are
+  size_t textBytes_ = 0;
   AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
   AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
-  std::vector<Vec2> pairs_;    // random numbers for points of a light
-  struct ShadeopCalls;  // buffers for calls of shared objects
+  AlignedFloats missColor_;    // of rays that hit nothing, see lookUpEnvironment()
+  /// Points of a ray call: those that have not asked yet, those of the present block; of a gather also who
+  /// hit.
+  struct Groups {
+    std::vector<int32_t> left, now, hits, missed;
+  } groups_;
+  std::vector<Vec2> pairs_;  // random numbers for points of a light
+  struct ShadeopCalls;       // buffers for calls of shared objects
   std::unique_ptr<ShadeopCalls> shadeopCalls_;
   MachineStatistics statistics_;
 };

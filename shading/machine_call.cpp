@@ -84,7 +84,10 @@ void Machine::call(Frame& f, const Step& s) {
     case Op::get_option:
     case Op::get_rendererinfo:
     case Op::get_rayinfo:
+    case Op::get_variable:
       return message(f, s);
+    case Op::isoutput:
+      return setFloat(f, a[0], host_.isDisplayed(text(f, s, 1)) ? 1.0f : 0.0f);
     case Op::eq_s:
     case Op::ne_s:
     case Op::select_s:
@@ -291,6 +294,40 @@ void Machine::splineOp(Frame& f, const Step& s) {
   }
 }
 
+namespace {
+enum class StepFilter { kBox, kTriangle, kGaussian, kCatmullRom };
+StepFilter stepFilterOf(std::string_view name) {
+  if (name == "triangle") return StepFilter::kTriangle;
+  if (name == "gaussian") return StepFilter::kGaussian;
+  if (name == "catmull-rom") return StepFilter::kCatmullRom;
+  return StepFilter::kBox;
+}
+/// The filter's integral up to x, in units of its width: 0 to 1. Supports are 1, 2, 2 and 4 wide.
+float stepIntegral(StepFilter filter, float x) {
+  const float a = std::fabs(x);
+  float half = 0;  // from 0 to a
+  switch (filter) {
+    case StepFilter::kBox:
+      return std::clamp(x + 0.5f, 0.0f, 1.0f);
+    case StepFilter::kTriangle:
+      half = a < 1 ? a - 0.5f * a * a : 0.5f;
+      break;
+    case StepFilter::kGaussian:  // exp(-2 x^2) within 1 of the middle, as RiGaussianFilter
+      half = a < 1 ? 0.5f * std::erf(1.41421356f * a) / 0.954499736f : 0.5f;
+      break;
+    case StepFilter::kCatmullRom:
+      if (a < 1)
+        half = a * (1 + a * a * (0.375f * a - 0.833333333f));
+      else if (a < 2)
+        half = a * (2 + a * (-2 + a * (0.833333333f - 0.125f * a))) - 0.166666667f;
+      else
+        half = 0.5f;
+      break;
+  }
+  return x < 0 ? 0.5f - half : 0.5f + half;
+}
+}  // namespace
+
 void Machine::derivativeOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   const uint32_t n = f.lanes();
@@ -320,6 +357,10 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
   const auto DvP = [&](const Operand& x, uint32_t i) { return Vec3(Dv(x, 0, i), Dv(x, 1, i), Dv(x, 2, i)); };
   const auto divided = [](float x, float y) { return y == 0.0f ? 0.0f : x / y; };
   const uint32_t lanes = out.varying() ? n : kLanePad;
+  const bool isFilter = s.op == Op::filterstep || s.op == Op::filterstep_2;
+  const uint32_t fixed = s.op == Op::filterstep_2 ? 4 : 3;
+  const Operand* const width = isFilter ? option(f, s, fixed, "width") : nullptr;
+  const StepFilter filter = isFilter ? stepFilterOf(optionString(f, s, fixed, "filter")) : StepFilter::kBox;
   for (uint32_t i = 0; i < lanes; ++i) {
     switch (s.op) {
       case Op::du_f:
@@ -357,9 +398,9 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
               std::fabs(Dv(a[2], 0, i) * (d ? d->vCell[i] : 0));
           x = a[2].at(i);
         }
-        w *= optionFloat(f, s, two ? 4 : 3, "width", 1.0f);
+        if (width && width->data) w *= width->at(i);
         const float edge = a[1].at(i);
-        out.data[i] = w > 1e-12f ? std::clamp((x + 0.5f * w - edge) / w, 0.0f, 1.0f) : x < edge ? 0.0f : 1.0f;
+        out.data[i] = w > 1e-12f ? stepIntegral(filter, (x - edge) / w) : x < edge ? 0.0f : 1.0f;
         break;
       }
       default:

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <string_view>
+#include <tuple>
 
 #include "base/error.h"
 #include "base/random.h"
@@ -13,6 +15,9 @@
 namespace fr {
 
 namespace {
+/// More samples than anyone waits for.
+constexpr float kMostSamples = 4096.0f;
+
 Vec3 at3(const Operand& o, uint32_t lane) { return {o.at(lane, 0), o.at(lane, 1), o.at(lane, 2)}; }
 
 /// Two directions perpendicular to the unit vector n and each other (Duff et al. 2017, JCGT 6(1)).
@@ -46,6 +51,74 @@ Vec3 unit(const Vec3& v) {
   return w / std::sqrt(glm::dot(w, w));
 }
 }  // namespace
+
+float Machine::Question::coneAt(uint32_t lane) const {
+  const float angle = cone.at(lane);
+  return angle > 0.0f ? std::min(angle, 3.1415927f) : 0.0f;
+}
+float Machine::Question::baseAt(uint32_t lane) const {
+  const float part = base.at(lane);
+  return part > 0.0f ? std::min(part, 8.0f) : 0.0f;
+}
+/// The same ray again would say the same: without a cone one is enough.
+uint32_t Machine::Question::samplesAt(uint32_t lane) const {
+  const float wanted = samples.at(lane);
+  const bool differ = several || hemisphere || aimed || coneAt(lane) > 0.0f || baseAt(lane) > 0.0f;
+  return differ && wanted > 1.0f ? uint32_t(std::min(wanted, kMostSamples)) : 1u;
+}
+
+/// The most samples that any active point wants.
+uint32_t Machine::mostSamples(const Frame& f, const Question& q) const {
+  if (!q.samples.varies() && !q.cone.varies() && !q.base.varies()) return q.samplesAt(0);
+  uint32_t most = 1;
+  for (uint32_t i = 0; i < batch_.asking; ++i)
+    if (f.mask[i]) most = std::max(most, q.samplesAt(i));
+  return most;
+}
+
+/// The points of `mask` that want this sample have yet to ask.
+void Machine::beginGroups(const int32_t* mask, const Question& q) {
+  const uint32_t n = batch_.lanes;
+  groups_.left.assign(mask, mask + n);
+  if (q.sample == 0) return;
+  for (uint32_t i = 0; i < n; ++i)
+    if (groups_.left[i] && q.samplesAt(i) <= q.sample) groups_.left[i] = 0;
+}
+
+/// Takes out points whose rays can share a block, and says so in the question. False: nobody is left.
+bool Machine::nextGroup(Question& q) {
+  std::vector<int32_t>&left = groups_.left, &now = groups_.now;
+  const uint32_t n = batch_.lanes;
+  uint32_t first = 0;
+  while (first < n && !left[first]) ++first;
+  if (first == n) return false;
+  const auto bitsOf = [](float x) {
+    uint32_t b;
+    std::memcpy(&b, &x, sizeof b);
+    return b;
+  };
+  const auto key = [&](uint32_t i) {
+    return std::tuple(bitsOf(q.maxDistance.at(i)), bitsOf(q.bias.at(i)), q.coneAt(i) > q.diffuseBeyond);
+  };
+  const auto common = key(first);
+  if (q.maxDistance.varies() || q.bias.varies() || q.cone.varies()) {
+    now.assign(n, 0);
+    for (uint32_t i = first; i < n; ++i)
+      if (left[i] && key(i) == common) now[i] = left[i], left[i] = 0;
+  } else {
+    now = left;
+    std::fill(left.begin(), left.end(), 0);
+  }
+  RayTerms& t = q.terms;
+  const float limit = q.maxDistance.at(first), bias = q.bias.at(first);
+  t.maxDistance = limit < 1e29f ? std::max(limit, 1e-30f) : 0.0f;
+  t.flags &= ~uint32_t(RayTerms::kHasBias), t.bias = 0;
+  if (bias >= 0.0f) t.bias = bias, t.flags |= RayTerms::kHasBias;
+  if (q.diffuseBeyond < std::numeric_limits<float>::infinity())
+    t.rayClass = q.coneAt(first) > q.diffuseBeyond ? RayClass::kDiffuse : RayClass::kSpecular;
+  q.mask = now.data();
+  return true;
+}
 
 void PendingRays::missAll() {
   for (uint32_t i = 0; i < count; ++i) {
@@ -98,7 +171,9 @@ bool Machine::ask(Question& q) {
   PendingRays& r = *rays_;
   r.kind = q.kind;
   r.count = 0;
-  r.single = !q.from.varying() && !q.direction.varying() && q.cone == 0.0f && !(q.base > 0.0f);
+  r.single = !q.from.varying() && !q.direction.varying() && !q.cone.varies() && q.coneAt(0) == 0.0f &&
+             !q.base.varies() && q.baseAt(0) == 0.0f && !q.maxDistance.varies() && !q.bias.varies() &&
+             !q.samples.varies();
   r.terms = q.terms;
   const bool segment = q.kind == RayKind::kVisibility;
   const bool diffuse = q.terms.rayClass == RayClass::kDiffuse;
@@ -133,12 +208,12 @@ bool Machine::ask(Question& q) {
     Vec3 direction = at3(raw, i);
     uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
     if (q.counter) seed = hashStep(seed, q.counter[i]);
-    if (q.base > 0.0f) {
+    if (const float base = q.baseAt(i); base > 0.0f) {
       // Anywhere on the surroundings that the point stands for.
       const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed)) - Vec2(0.5f);
       const auto side = [&](GlobalId tangent, GlobalId size) {
         const Operand along = batch_.globals[size_t(tangent)], length = batch_.globals[size_t(size)];
-        return along.data && length.data ? at3(along, i) * (length.at(i) * q.base) : Vec3(0);
+        return along.data && length.data ? at3(along, i) * (length.at(i) * base) : Vec3(0);
       };
       const Vec3 shift =
           side(GlobalId::k_dPdu, GlobalId::k_du) * xi.x + side(GlobalId::k_dPdv, GlobalId::k_dv) * xi.y;
@@ -179,16 +254,17 @@ bool Machine::ask(Question& q) {
       r.spread[k] = std::min(1.0f, std::max(r.spread[k], std::sqrt(std::max(u, v))));
     }
     r.pair[0][k] = r.pair[1][k] = 0.5f;
-    if (q.cone > 0.0f) {
+    const uint32_t samples = q.samplesAt(i);
+    if (const float cone = q.coneAt(i); cone > 0.0f) {
       const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed >> 32));
       r.pair[0][k] = xi.x, r.pair[1][k] = xi.y;
       const float length = segment ? glm::length(direction) : 1.0f;
-      direction = sampleCone(segment ? unit(direction) : direction, q.cone, q.cosine, xi) * length;
-      // The samples share the cone.
-      const float share = std::tan(std::min(q.cone, 1.5f)) / std::sqrt(float(std::max(1u, q.samples)));
+      direction = sampleCone(segment ? unit(direction) : direction, cone, q.cosine, xi) * length;
+      // The samples share the cone's solid angle.
+      const float share = std::sqrt(2.0f * (1.0f - std::cos(cone)) / float(samples));
       r.spread[k] = std::min(1.0f, std::max(r.spread[k], share));
     }
-    if (q.samples > 1) seed = hashStep(seed, q.sample);
+    if (samples > 1) seed = hashStep(seed, q.sample);
     r.seed[k] = seed;
     r.lane[k] = i;
     for (int c = 0; c < 3; ++c) r.origin[c][k] = from[c], r.direction[c][k] = direction[c];
@@ -238,7 +314,8 @@ void Machine::answer(const Operand& out, uint32_t components, const float (*valu
     } else if (r.single) {
       for (uint32_t i = 0; i < n; ++i) to[i] = mask[i] ? values[c][0] : to[i];
     } else {
-      for (uint32_t k = 0; k < r.count; ++k) to[r.lane[k]] = values[c][k];
+      for (uint32_t k = 0; k < r.count; ++k)
+        if (mask[r.lane[k]]) to[r.lane[k]] = values[c][k];
       if (batch_.copyPeriod)
         for (uint32_t i = batch_.copyPeriod; i < n; ++i) to[i] = mask[i] ? to[i % batch_.copyPeriod] : to[i];
     }
@@ -263,10 +340,19 @@ float Machine::optionFloat(const Frame& f, const Step& s, uint32_t fixed, std::s
   const Operand* o = option(f, s, fixed, name);
   if (!o || !o->data) return fallback;
   // One value for the batch: that of the first active point.
+  return o->at(o->varying() ? firstActive(f) : 0);
+}
+uint32_t Machine::firstActive(const Frame& f) {
   uint32_t lane = 0;
-  if (o->varying())
-    while (lane + 1 < f.lanes() && !f.mask[lane]) ++lane;
-  return o->at(lane);
+  while (lane + 1 < f.lanes() && !f.mask[lane]) ++lane;
+  return lane;
+}
+Machine::Term Machine::term(const Frame& f, const Step& s, uint32_t fixed, std::string_view name,
+                            float fallback) const {
+  Term t;
+  t.fallback = fallback;
+  if (const Operand* o = option(f, s, fixed, name); o && o->data) t.given = *o;
+  return t;
 }
 
 }  // namespace fr

@@ -14,8 +14,6 @@ namespace fr {
 namespace {
 
 constexpr float kRightAngle = 1.5707963f;
-/// More samples than anyone waits for.
-constexpr float kMostSamples = 4096.0f;
 
 template <size_t N>
 void copyText(char (&to)[N], std::string_view from) {
@@ -42,12 +40,11 @@ bool Machine::asksByMapName(Frame& f, const Step& s) const {
   return (isEnvironment(s.op) || isShadow(s.op)) && text(f, s, 1) == "raytrace";
 }
 
-/// What the optional parameters of any ray call say about its rays: values of the first active point.
-void Machine::readTerms(Frame& f, const Step& s, uint32_t fixed, RayTerms& t) {
-  const float limit = optionFloat(f, s, fixed, "maxdist", 0.0f);
-  t.maxDistance = limit > 0.0f && limit < 1e29f ? limit : 0.0f;
-  if (const float bias = optionFloat(f, s, fixed, "bias", -1.0f); bias >= 0.0f)
-    t.bias = bias, t.flags |= RayTerms::kHasBias;
+/// What the optional parameters of any ray call say about its rays.
+void Machine::readTerms(Frame& f, const Step& s, uint32_t fixed, Question& q) {
+  q.maxDistance = term(f, s, fixed, "maxdist", 1e30f);
+  q.bias = term(f, s, fixed, "bias", -1.0f);
+  RayTerms& t = q.terms;
   const std::string_view sides = optionString(f, s, fixed, "hitsides");
   if (sides == "front") t.flags |= RayTerms::kFrontOnly;
   if (sides == "back") t.flags |= RayTerms::kBackOnly;
@@ -57,46 +54,19 @@ void Machine::readTerms(Frame& f, const Step& s, uint32_t fixed, RayTerms& t) {
   copyText(t.label, optionString(f, s, fixed, "label"));
   copyText(t.subset, optionString(f, s, fixed, "subset"));
   copyText(t.excludeSubset, optionString(f, s, fixed, "excludesubset"));
-}
-
-namespace {
-/// Values that travel with the answers under a name of the call, but for those that every answer has.
-bool isExtra(std::string_view name) {
-  for (const std::string_view prefix : {"surface:", "displacement:", "volume:", "primitive:", "attribute:"})
-    if (name.substr(0, prefix.size()) == prefix)
-      return name != "surface:Ci" && name != "volume:Ci" && name != "primitive:P" && name != "primitive:N";
-  return false;
-}
-}  // namespace
-
-/// Asks for the written operands of a gather that only the hit knows.
-void Machine::wantExtras(Frame& f, const Step& s, uint32_t fixed, RayTerms& t) {
-  std::string wanted;
-  uint32_t columns = 0;
-  for (uint32_t k = fixed; k + 1 < s.argCount; k += 2) {
-    if (!isWritten(f, s, k + 1)) continue;
-    const std::string_view name = text(f, s, k);
-    const Symbol& symbol = f.exe().program().symbols[symbolOf(f, s, k + 1)];
-    const uint32_t components = slTypeFloats(symbol.type);
-    if (!isExtra(name) || symbol.isArray() || (components != 1 && components != 3)) continue;
-    const std::string line = fmt::format("{} {}\n", components, name);
-    if (columns + components > kMaxExtraAnswers || wanted.size() + line.size() >= sizeof t.extras) {
-      reportOnce("shading.gather.extras." + f.exe().program().name,
-                 makeError(RiError::kLimit, "shader \"{}\": gather asks for more than {} values of a hit",
-                           f.exe().program().name, kMaxExtraAnswers));
-      break;
-    }
-    wanted += line, columns += components;
+  if (const Operand* o = option(f, s, fixed, "othreshold"); o && o->data) {
+    const bool color = isTriple(f.exe().program().symbols[symbolOf(f, s, uint32_t(o - f.args(s)))].type);
+    const uint32_t lane = firstActive(f);
+    t.flags |= RayTerms::kHasOpaque;
+    for (uint32_t c = 0; c < 3; ++c) t.opaque[c] = o->at(lane, color ? c : 0);
   }
-  copyText(t.extras, wanted);
 }
 
 void Machine::describe(Frame& f, const Step& s, RayCall& c) {
   using Result = RayCall::Result;
   const Operand* a = f.args(s);
   Question& q = c.question;
-  bool hemisphere = false, sampled = true;
-  float samples = -1;
+  bool sampled = true, counted = false;
   switch (s.op) {
     case Op::trace_t:
       c.fixed = 3, q.kind = RayKind::kTrace;
@@ -115,27 +85,27 @@ void Machine::describe(Frame& f, const Step& s, RayCall& c) {
       c.outputs = 7, c.fixed = 9, q.kind = RayKind::kFullTrace, c.result = Result::kFull, sampled = false;
       break;
     case Op::occlusion:
-      c.fixed = 4, q.kind = RayKind::kHitTest, c.result = Result::kHidden, hemisphere = true;
-      samples = a[3].at(0);
+      c.fixed = 4, q.kind = RayKind::kHitTest, c.result = Result::kHidden, q.hemisphere = true;
+      q.samples.given = a[3], counted = true;
       break;
     case Op::indirectdiffuse:
-      c.fixed = 4, q.kind = RayKind::kTrace, hemisphere = true;
-      samples = a[3].at(0);
+      c.fixed = 4, q.kind = RayKind::kTrace, q.hemisphere = true;
+      q.samples.given = a[3], counted = true;
       break;
     case Op::indirect:
-      c.fixed = 3, q.kind = RayKind::kTrace, hemisphere = true;
-      samples = optionFloat(f, s, 3, "samples", float(std::max(16u, f.instance().samples)));
+      c.fixed = 3, q.kind = RayKind::kTrace, q.hemisphere = true;
+      q.samples = term(f, s, 3, "samples", float(std::max(16u, f.instance().samples))), counted = true;
       break;
     case Op::areashadow:
-      c.fixed = 3, q.kind = RayKind::kVisibility, q.toPoint = true, c.aimed = true;
-      samples = a[2].at(0);
+      c.fixed = 3, q.kind = RayKind::kVisibility, q.toPoint = true, q.aimed = true;
+      q.samples.given = a[2], counted = true;
       break;
     default: {  // environment, shadow: result, name, channel, places
       c.fixed = isFourCornered(s.op) ? 7 : 4;
       const bool scalar = s.op == Op::environment_f || s.op == Op::environment4_f || s.op == Op::shadow_f ||
                           s.op == Op::shadow4_f;
       if (isShadow(s.op)) {
-        q.kind = RayKind::kVisibility, q.toPoint = true, c.aimed = true, c.result = Result::kShadow;
+        q.kind = RayKind::kVisibility, q.toPoint = true, q.aimed = true, c.result = Result::kShadow;
         q.from = a[3];
       } else {
         q.kind = RayKind::kTrace;
@@ -143,40 +113,40 @@ void Machine::describe(Frame& f, const Step& s, RayCall& c) {
         q.from = batch_.globals[size_t(GlobalId::k_P)];
         q.direction = a[3];
       }
-      q.cone =
-          optionFloat(f, s, c.fixed, "samplecone", optionFloat(f, s, c.fixed, "blur", 0.0f) * 3.1415927f);
+      // "blur" in units of half a turn, as textures' blur is in units of the map.
+      q.cone = term(f, s, c.fixed, "blur", 0.0f);
+      q.cone.scale = 3.1415927f;
+      if (option(f, s, c.fixed, "samplecone")) q.cone = term(f, s, c.fixed, "samplecone", 0.0f);
       break;
     }
   }
   if (!q.from.data) q.from = a[c.outputs];
-  if (!q.direction.data) q.direction = c.aimed ? q.from : a[c.outputs + 1];
-  if (samples < 0) samples = sampled ? optionFloat(f, s, c.fixed, "samples", 1) : 1;
-  q.samples = uint32_t(std::clamp(samples, 1.0f, kMostSamples));
-  if (hemisphere) {
-    q.cone = optionFloat(f, s, c.fixed, "coneangle", kRightAngle);
+  if (!q.direction.data) q.direction = q.aimed ? q.from : a[c.outputs + 1];
+  if (!counted) q.samples = sampled ? term(f, s, c.fixed, "samples", 1) : Term{{}, 1};
+  if (q.hemisphere) {
+    q.cone = term(f, s, c.fixed, "coneangle", kRightAngle);
     q.cosine = optionString(f, s, c.fixed, "distribution") != "uniform";
-  } else if (sampled && q.cone == 0.0f) {
-    q.cone = optionFloat(f, s, c.fixed, "samplecone", 0.0f);
+    c.falloff = term(f, s, c.fixed, "falloff", 0);
+    c.polynomial = optionFloat(f, s, c.fixed, "falloffmode", 0) == 1.0f;
+  } else if (sampled && !q.cone.given.data) {
+    q.cone = term(f, s, c.fixed, "samplecone", 0.0f);
   }
-  q.base = sampled ? std::clamp(optionFloat(f, s, c.fixed, "samplebase", 0.0f), 0.0f, 8.0f) : 0.0f;
-  // The same ray again would say the same.
-  if (!(q.cone > 0.0f) && !(q.base > 0.0f) && !hemisphere && !c.aimed) q.samples = 1;
-  c.averaged = q.samples > 1 || hemisphere;
-  c.maxDistance = optionFloat(f, s, c.fixed, "maxdist", 1e30f);
-  c.falloff = hemisphere ? std::max(0.0f, optionFloat(f, s, c.fixed, "falloff", 0)) : 0.0f;
-  c.polynomial = hemisphere && optionFloat(f, s, c.fixed, "falloffmode", 0) == 1.0f;
-  c.mask = f.mask;
-  q.mask = f.mask;
+  if (sampled) q.base = term(f, s, c.fixed, "samplebase", 0.0f);
+  c.samples = mostSamples(f, q);
+  c.averaged = c.samples > 1 || q.hemisphere;
   q.site = hashStep(f.instance().id, f.pc);
   q.counter = f.counter(s.counter);
-  q.sample = f.raySample;
-  readTerms(f, s, c.fixed, q.terms);
-  q.terms.rayClass = hemisphere ? RayClass::kDiffuse : RayClass::kSpecular;
-  if (s.op == Op::trace_t && option(f, s, c.fixed, "transmission")) {
-    const Operand* out = option(f, s, c.fixed, "transmission");
-    if (isWritten(f, s, uint32_t(out - a)))
-      copyText(q.terms.extras, "3 ray:transmission\n"), c.averaged = true;
+  readTerms(f, s, c.fixed, q);
+  q.terms.rayClass = q.hemisphere ? RayClass::kDiffuse : RayClass::kSpecular;
+  if (q.kind != RayKind::kVisibility && c.result != Result::kDistance) {
+    c.environment = optionString(f, s, c.fixed, "environmentmap");
+    c.environmentIn = optionString(f, s, c.fixed, "environmentspace");
   }
+  if (c.result == Result::kHit || c.result == Result::kFull) c.environment = {};
+  bool through = !c.environment.empty() && q.kind == RayKind::kTrace;
+  if (const Operand* out = s.op == Op::trace_t ? option(f, s, c.fixed, "transmission") : nullptr)
+    through |= isWritten(f, s, uint32_t(out - a));
+  if (through) copyText(q.terms.extras, "3 ray:transmission\n"), c.averaged = true;
 }
 
 /// The ends of rays towards a light, in aim_: the one that asks, or the one that lights the points now.
@@ -219,26 +189,32 @@ bool Machine::aimAtLight(Frame& f, const RayCall& c) {
 }
 
 /// Adds one sample's answers to the running sums.
-void Machine::accumulate(const RayCall& c) {
+void Machine::accumulate(const Frame& f, const RayCall& c) {
   const PendingRays& r = *rays_;
   const Question& q = c.question;
   const uint32_t n = batch_.lanes;
   float* const sum = accumulator_.data();
   const bool passes = q.kind == RayKind::kVisibility;
   const bool through = q.terms.extras[0] != 0;
+  const bool environment = !c.environment.empty() && lookUpEnvironment(f, c.environment, c.environmentIn);
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t i = r.lane[k];
-    const bool hit = !passes && r.hitDistance[k] < c.maxDistance;
-    // What is missed has a colour where a volume fills the way.
-    for (uint32_t m = 0; m < 3; ++m) sum[(kSumColor + m) * n + i] += r.color[m][k];
-    for (uint32_t m = 0; m < 3; ++m)
-      sum[(kSumThrough + m) * n + i] += through ? r.extra[m][k] : hit ? 0.0f : 1.0f;
+    const float farthest = q.maxDistance.at(i);
+    const bool hit = !passes && r.hitDistance[k] < farthest;
+    for (uint32_t m = 0; m < 3; ++m) {
+      // What is missed has a colour where a volume fills the way.
+      const float passed = through ? r.extra[m][k] : hit ? 0.0f : 1.0f;
+      const float beyond = environment ? passed * missColor_.data()[m * kMaxRays + k] : 0.0f;
+      sum[(kSumColor + m) * n + i] += r.color[m][k] + beyond;
+      sum[(kSumThrough + m) * n + i] += passed;
+      sum[(kSumEnvironment + m) * n + i] += beyond;
+    }
     if (hit) {
-      const float d = r.hitDistance[k];
-      const float fall = c.falloff <= 0.0f ? 1.0f
-                         : c.polynomial && c.maxDistance < 1e29f
-                             ? std::pow(std::max(0.0f, 1.0f - d / c.maxDistance), c.falloff)
-                             : std::exp(-c.falloff * d);
+      const float d = r.hitDistance[k], falloff = c.falloff.at(i);
+      const float fall = !(falloff > 0.0f) ? 1.0f
+                         : c.polynomial && farthest < 1e29f
+                             ? std::pow(std::max(0.0f, 1.0f - d / farthest), falloff)
+                             : std::exp(-falloff * d);
       sum[kSumHidden * n + i] += fall;
     } else {
       for (uint32_t m = 0; m < 3; ++m) sum[(kSumClear + m) * n + i] += r.direction[m][k];
@@ -246,48 +222,63 @@ void Machine::accumulate(const RayCall& c) {
   }
 }
 
-/// From answers, or their sums, to the operation's results.
-void Machine::finish(Frame& f, const Step& s, const RayCall& c) {
+/// From sums of all samples of all points to the answers that finish() knows: means, by point.
+void Machine::averageSums(Frame& f, const Step& s, const RayCall& c) {
+  PendingRays& r = *rays_;
+  const Operand* a = f.args(s);
+  const Question& q = c.question;
+  const uint32_t n = batch_.lanes;
+  const float* const sum = accumulator_.data();
+  // The last block may have held some of the points alone.
+  r.count = 0;
+  for (uint32_t i = 0; i < batch_.asking && r.count < kMaxRays; ++i) {
+    if (!f.mask[i]) continue;
+    r.lane[r.count++] = i;
+    if (r.single) break;
+  }
+  const auto mean = [&](uint32_t column, uint32_t components, float(*to)[kMaxRays]) {
+    for (uint32_t k = 0; k < r.count; ++k) {
+      const float scale = 1.0f / float(q.samplesAt(r.lane[k]));
+      for (uint32_t m = 0; m < components; ++m) to[m][k] = sum[(column + m) * n + r.lane[k]] * scale;
+    }
+  };
+  const auto output = [&](std::string_view name, uint32_t column, bool unit, uint32_t components = 3) {
+    const Operand* out = option(f, s, c.fixed, name);
+    if (!out || !isWritten(f, s, uint32_t(out - a))) return;
+    const Symbol& symbol = f.exe().program().symbols[symbolOf(f, s, uint32_t(out - a))];
+    if (slTypeFloats(symbol.type) != components || symbol.isArray()) return;
+    mean(column, components, r.hitN);
+    for (uint32_t k = 0; unit && k < r.count; ++k) {
+      const float length = std::hypot(r.hitN[0][k], r.hitN[1][k], r.hitN[2][k]);
+      for (int m = 0; length > 0 && m < 3; ++m) r.hitN[m][k] /= length;
+    }
+    answer(*out, components, r.hitN, f.mask);
+  };
+  if (q.kind != RayKind::kVisibility) {
+    output("transmission", kSumThrough, false);
+    output("environmentdir", kSumClear, true);
+    output("environmentcolor", kSumEnvironment, false);
+    if (s.op == Op::indirectdiffuse) output("occlusion", kSumHidden, false, 1);
+  }
+  const bool hidden = c.result == RayCall::Result::kHidden;
+  mean(hidden ? kSumHidden : kSumColor, hidden ? 1 : 3, r.color);
+}
+
+/// From answers to the operation's results, for the points of `mask`.
+void Machine::finish(Frame& f, const Step& s, const RayCall& c, const int32_t* mask) {
   using Result = RayCall::Result;
   const Operand* a = f.args(s);
   PendingRays& r = *rays_;
-  const uint32_t n = batch_.lanes;
-  if (c.averaged) {
-    const float* const sum = accumulator_.data();
-    const float scale = 1.0f / float(c.question.samples);
-    const auto mean = [&](uint32_t column, uint32_t components, float(*to)[kMaxRays]) {
-      for (uint32_t k = 0; k < r.count; ++k)
-        for (uint32_t m = 0; m < components; ++m) to[m][k] = sum[(column + m) * n + r.lane[k]] * scale;
-    };
-    const auto output = [&](std::string_view name, uint32_t column, bool unit, uint32_t components = 3) {
-      const Operand* out = option(f, s, c.fixed, name);
-      if (!out || !isWritten(f, s, uint32_t(out - a))) return;
-      const Symbol& symbol = f.exe().program().symbols[symbolOf(f, s, uint32_t(out - a))];
-      if (slTypeFloats(symbol.type) != components || symbol.isArray()) return;
-      mean(column, components, r.hitN);
-      for (uint32_t k = 0; unit && k < r.count; ++k) {
-        const float length = std::hypot(r.hitN[0][k], r.hitN[1][k], r.hitN[2][k]);
-        for (int m = 0; length > 0 && m < 3; ++m) r.hitN[m][k] /= length;
-      }
-      answer(*out, components, r.hitN, f.mask);
-    };
-    if (c.question.kind != RayKind::kVisibility) {
-      output("transmission", kSumThrough, false);
-      output("environmentdir", kSumClear, true);
-      if (s.op == Op::indirectdiffuse) output("occlusion", kSumHidden, false, 1);
-    }
-    mean(c.result == Result::kHidden ? kSumHidden : kSumColor, c.result == Result::kHidden ? 1 : 3, r.color);
-  }
   switch (c.result) {
     case Result::kColor:
-      answer(a[0], 3, r.color, f.mask);
+      answer(a[0], 3, r.color, mask);
       break;
     case Result::kHidden:
-      answer(a[0], 1, r.color, f.mask);
+      answer(a[0], 1, r.color, mask);
       break;
     case Result::kChannel: {
       const uint32_t channel = uint32_t(std::clamp(a[2].at(0), 0.0f, 2.0f));
-      answer(a[0], 1, r.color + channel, f.mask);
+      answer(a[0], 1, r.color + channel, mask);
       break;
     }
     case Result::kShadow: {
@@ -296,27 +287,27 @@ void Machine::finish(Frame& f, const Step& s, const RayCall& c) {
         const float mean = (r.color[0][k] + r.color[1][k] + r.color[2][k]) * (1.0f / 3);
         for (int m = 0; m < 3; ++m) r.color[m][k] = 1.0f - (color ? r.color[m][k] : mean);
       }
-      answer(a[0], color ? 3 : 1, r.color, f.mask);
+      answer(a[0], color ? 3 : 1, r.color, mask);
       break;
     }
     case Result::kDistance:
       for (uint32_t k = 0; k < r.count; ++k)
-        if (!(r.hitDistance[k] < c.maxDistance)) r.hitDistance[k] = kNoHit;
-      answer(a[0], 1, &r.hitDistance, f.mask);
+        if (!(r.hitDistance[k] < c.question.maxDistance.at(r.lane[k]))) r.hitDistance[k] = kNoHit;
+      answer(a[0], 1, &r.hitDistance, mask);
       break;
     case Result::kHit:
-      answer(a[0], 1, &r.hitDistance, f.mask);
-      answer(a[1], 3, r.hitP, f.mask);
-      answer(a[2], 3, r.hitN, f.mask);
+      answer(a[0], 1, &r.hitDistance, mask);
+      answer(a[1], 3, r.hitP, mask);
+      answer(a[2], 3, r.hitN, mask);
       break;
     case Result::kFull:
-      answer(a[0], 1, &r.missDepth, f.mask);
-      answer(a[1], 3, r.color, f.mask);
-      answer(a[2], 1, &r.hitDistance, f.mask);
-      answer(a[3], 3, r.hitP, f.mask);
-      answer(a[4], 3, r.hitN, f.mask);
-      answer(a[5], 3, r.missP, f.mask);
-      answer(a[6], 3, r.missR, f.mask);
+      answer(a[0], 1, &r.missDepth, mask);
+      answer(a[1], 3, r.color, mask);
+      answer(a[2], 1, &r.hitDistance, mask);
+      answer(a[3], 3, r.hitP, mask);
+      answer(a[4], 3, r.hitN, mask);
+      answer(a[5], 3, r.missP, mask);
+      answer(a[6], 3, r.missR, mask);
       break;
   }
 }
@@ -336,132 +327,39 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
   RayCall c;
   describe(f, s, c);
   Question& q = c.question;
-  for (;;) {
+  if (f.rayPhase == 0 && c.averaged) {
+    accumulator_.reserve(size_t(n) * kSumColumns);
+    std::memset(accumulator_.data(), 0, size_t(n) * kSumColumns * sizeof(float));
+  }
+  // Sample by sample; for each of them, group by group of points whose rays may share a block.
+  for (; f.raySample < c.samples; ++f.raySample) {
     q.sample = f.raySample;
-    if (f.rayPhase == 0) {
-      if (c.averaged && f.raySample == 0) {
-        accumulator_.reserve(size_t(n) * kSumColumns);
-        std::memset(accumulator_.data(), 0, size_t(n) * kSumColumns * sizeof(float));
+    if (f.rayPhase == 0) beginGroups(f.mask, q);
+    for (;;) {
+      if (f.rayPhase == 0) {
+        if (!nextGroup(q)) break;
+        if (q.aimed) {
+          if (aimAtLight(f, c))
+            q.direction = Operand{aim_.data(), n, ~0u};
+          else
+            q.noRays = true;
+        }
+        f.rayPhase = 1;
+        if (ask(q)) return Next::kSuspend;
       }
-      if (c.aimed) {
-        if (aimAtLight(f, c))
-          q.direction = Operand{aim_.data(), n, ~0u};
-        else
-          q.noRays = true;
-      }
-      const bool wait = ask(q);
-      f.rayPhase = 1;
-      if (wait) return Next::kSuspend;
+      f.rayPhase = 0;
+      if (c.averaged)
+        accumulate(f, c);
+      else
+        finish(f, s, c, groups_.now.data());
     }
-    f.rayPhase = 0;
-    if (c.averaged) accumulate(c);
-    if (++f.raySample >= q.samples) break;
   }
   f.raySample = 0;
   uint32_t* const counter = f.counter(s.counter);
   for (uint32_t i = 0; i < n; ++i) counter[i] += uint32_t(-f.mask[i]);
-  finish(f, s, c);
-  return Next::kGo;
-}
-
-/// Goes on with a gather loop: the next sample's rays, then the body for the points that hit.
-Machine::Next Machine::gatherTurn(Frame& f) {
-  Control& c = f.top();
-  const Step& s = f.exe().steps()[c.begin];
-  const Operand* a = f.args(s);  // category, P, direction, angle, samples
-  const uint32_t n = f.lanes();
-  constexpr uint32_t fixed = 5;
-  uint32_t* const counter = f.counter(s.counter);
-  // "samplepattern" wants directions alone; every point takes the else branch.
-  const bool pattern = text(f, s, 0) == "samplepattern";
-  if (c.phase == Control::Phase::kNext) {
-    if (c.turns == 0) c.samples = uint32_t(std::clamp(a[4].at(0), 0.0f, kMostSamples));
-    if (c.turns >= c.samples || !any(c.other)) {
-      std::memcpy(f.mask, c.saved, n * sizeof(int32_t));
-      for (uint32_t i = 0; i < n; ++i) counter[i] += uint32_t(-f.mask[i]);
-      f.active = any(f.mask);
-      f.pop();
-      f.pc = f.exe().steps()[s.jump].jump + 1;
-      return Next::kGo;
-    }
-    std::memcpy(f.mask, c.other, n * sizeof(int32_t));
-    Question q;
-    q.kind = RayKind::kHitTest;
-    for (uint32_t k = fixed; k + 1 < s.argCount; k += 2) {
-      if (!isWritten(f, s, k + 1)) continue;
-      const std::string_view name = text(f, s, k);
-      if (name.substr(0, 8) == "surface:" || name.substr(0, 7) == "volume:" ||
-          name.substr(0, 13) == "displacement:")
-        q.kind = RayKind::kFullTrace;
-    }
-    q.from = a[1], q.direction = a[2];
-    q.mask = c.other;
-    q.site = hashStep(f.instance().id, c.begin);
-    q.counter = counter;
-    q.cone = a[3].at(0);
-    q.cosine = optionString(f, s, fixed, "distribution") != "uniform";
-    q.base = std::clamp(optionFloat(f, s, fixed, "samplebase", 0.0f), 0.0f, 8.0f);
-    q.sample = c.turns, q.samples = c.samples;
-    q.noRays = pattern;
-    readTerms(f, s, fixed, q.terms);
-    wantExtras(f, s, fixed, q.terms);
-    if (q.cone > batch_.specularThreshold) q.terms.rayClass = RayClass::kDiffuse;
-    const bool wait = ask(q);
-    c.phase = Control::Phase::kReturned;
-    if (wait) return Next::kSuspend;
-  }
-  ++c.turns;
-  PendingRays& r = *rays_;
-  const float maxDistance = std::min(optionFloat(f, s, fixed, "maxdist", 1e30f), 0.99e30f);
-  std::memset(c.third, 0, n * sizeof(int32_t));
-  for (uint32_t k = 0; k < r.count; ++k)
-    if (!pattern && r.hitDistance[k] < maxDistance) c.third[r.lane[k]] = -1;
-  if (r.single && r.count) {
-    const int32_t hit = c.third[r.lane[0]];
-    for (uint32_t i = 0; i < n; ++i) c.third[i] = c.other[i] & hit;
-  } else if (batch_.copyPeriod) {
-    for (uint32_t i = batch_.copyPeriod; i < n; ++i) c.third[i] = c.other[i] & c.third[i % batch_.copyPeriod];
-  }
-  uint32_t column = 0;
-  std::string_view rest = r.terms.extras;
-  for (uint32_t k = fixed; k + 1 < s.argCount; k += 2) {
-    if (!isWritten(f, s, k + 1)) continue;
-    const std::string_view name = text(f, s, k);
-    const Operand& out = a[k + 1];
-    const Symbol& symbol = f.exe().program().symbols[symbolOf(f, s, k + 1)];
-    const uint32_t components = slTypeFloats(symbol.type);
-    if (name == "sample:randompair" && symbol.type == SlType::kFloat && symbol.arrayLength == 2) {
-      answer(out, 2, r.pair, c.other);
-    } else if (symbol.isArray()) {
-      continue;
-    } else if (components == 1) {
-      if (name == "ray:length")
-        answer(out, 1, &r.hitDistance, c.other);
-      else if (name == "effectivesamples")
-        setFloat(f, out, float(c.samples));
-    } else if (components == 3) {
-      if (name == "ray:direction")
-        answer(out, 3, r.direction, c.other);
-      else if (name == "ray:origin")
-        answer(out, 3, r.origin, c.other);
-      else if (name == "primitive:P")
-        answer(out, 3, r.hitP, c.third);
-      else if (name == "primitive:N")
-        answer(out, 3, r.hitN, c.third);
-      else if (name == "surface:Ci" || name == "volume:Ci")
-        answer(out, 3, r.color, c.third);
-    }
-    if (isExtra(name) && (components == 1 || components == 3) && !rest.empty() &&
-        column + components <= kMaxExtraAnswers) {
-      answer(out, components, r.extra + column, c.third);
-      column += components;
-      rest.remove_prefix(std::min(rest.find('\n'), rest.size() - 1) + 1);
-    }
-  }
-  std::memcpy(f.mask, c.third, n * sizeof(int32_t));
-  f.active = any(f.mask);
-  f.pc = f.active ? c.begin + 1 : s.jump;
-  c.phase = Control::Phase::kBody;
+  if (!c.averaged) return Next::kGo;
+  averageSums(f, s, c);
+  finish(f, s, c, f.mask);
   return Next::kGo;
 }
 

@@ -10,9 +10,25 @@
 
 namespace fr {
 
+/// Texts live until the batch is done; the same text is kept once. Loops that make ever longer ones, or ever
+/// new ones, end at a limit.
 std::string_view Machine::keep(std::string s) {
-  texts_.push_back(std::move(s));
-  return texts_.back();
+  constexpr size_t kLongest = 32767, kMostBytes = size_t(64) << 20;
+  const bool tooLong = s.size() > kLongest;
+  if (tooLong) s.resize(kLongest);
+  const auto known = texts_.find(s);
+  if (known != texts_.end()) return *known;
+  if (tooLong || textBytes_ + s.size() > kMostBytes) {
+    const std::string& name = main_.exe().program().name;
+    const bool tooMany = textBytes_ + s.size() > kMostBytes;
+    reportOnce((tooMany ? "shading.texts." : "shading.text.") + name,
+               makeError(RiError::kLimit, "shader \"{}\": {}", name,
+                         tooMany ? "too many different strings; empty ones are used"
+                                 : "a string became longer than 32767 characters and was cut"));
+    if (tooMany) return {};
+  }
+  textBytes_ += s.size() + sizeof(std::string);
+  return *texts_.insert(std::move(s)).first;
 }
 
 namespace {
@@ -91,6 +107,26 @@ void Machine::formatText(Frame& f, const Step& s, uint32_t first, uint32_t lane,
   }
 }
 
+namespace {
+/// POSIX extended regular expression anywhere in the subject. Patterns that are broken, or so long that the
+/// library might run out of stack, match nothing.
+bool matches(std::string_view pattern, std::string_view subject) {
+  constexpr size_t kLongestPattern = 1024;
+  try {
+    if (pattern.size() > kLongestPattern) throw std::regex_error(std::regex_constants::error_space);
+    // GNU's "polynomial" never backtracks: no pattern takes for ever.
+    const std::regex r(std::string(pattern), std::regex::extended | std::regex_constants::__polynomial);
+    return std::regex_search(subject.begin(), subject.end(), r);
+  } catch (const std::exception&) {
+    const std::string shown(pattern.substr(0, 80));
+    reportOnce(
+        "shading.match." + shown,
+        Error{RiError::kSyntax, Severity::kWarning, {}, fmt::format("match(): bad pattern \"{}\"", shown)});
+    return false;
+  }
+}
+}  // namespace
+
 void Machine::stringOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   uint32_t lane = 0;
@@ -107,7 +143,7 @@ void Machine::stringOp(Frame& f, const Step& s) {
       break;
     case Op::concat: {
       std::string r;
-      for (uint32_t k = 1; k < s.argCount; ++k) r += text(f, s, k);
+      for (uint32_t k = 1; k < s.argCount && r.size() < 65536; ++k) r += text(f, s, k);
       f.strings(symbolOf(f, s, 0))[0] = keep(std::move(r));
       break;
     }
@@ -145,19 +181,7 @@ void Machine::stringOp(Frame& f, const Step& s) {
       break;
     }
     case Op::match: {
-      bool found = false;
-      try {
-        const std::string_view subject = text(f, s, 2);
-        found = std::regex_search(subject.begin(), subject.end(),
-                                  std::regex(std::string(text(f, s, 1)), std::regex::extended));
-      } catch (const std::exception&) {
-        reportOnce("shading.match." + std::string(text(f, s, 1)),
-                   Error{RiError::kSyntax,
-                         Severity::kWarning,
-                         {},
-                         fmt::format("match(): bad pattern \"{}\"", text(f, s, 1))});
-      }
-      setFloat(f, a[0], found ? 1.0f : 0.0f);
+      setFloat(f, a[0], matches(text(f, s, 1), text(f, s, 2)) ? 1.0f : 0.0f);
       break;
     }
     case Op::shadername:
@@ -221,6 +245,33 @@ bool Machine::copyRegister(Frame& f, uint32_t arg, const Operand& out, Frame& fr
   return true;
 }
 
+/// getvar(): a predefined variable as the shader has it now, else a primitive variable of the points.
+bool Machine::pointVariable(Frame& f, uint32_t arg, const Operand& out, std::string_view name) {
+  const Symbol& symbol = f.exe().program().symbols[arg];
+  const uint32_t components = slTypeFloats(symbol.type);
+  if (symbol.isArray() || components == 0 || components > 3) return false;
+  const auto write = [&](uint32_t c, const Operand& in) {
+    const uint32_t n = out.varying() ? f.lanes() : kLanePad;
+    for (uint32_t i = 0; i < n; ++i)
+      if (!out.varying() || f.mask[i]) out.comp(c)[i] = in.at(i);
+  };
+  for (size_t g = 0; g < size_t(GlobalId::kCount); ++g) {
+    const GlobalInfo& info = globalInfo(GlobalId(g));
+    if (name != info.name) continue;
+    Operand in = f.global(GlobalId(g));
+    if (!in.data) in = batch_.globals[g];
+    if (!in.data || !sameKind(symbol.type, info.type)) return false;
+    for (uint32_t c = 0; c < components; ++c) write(c, {in.comp(c), in.component, in.indexMask});
+    return true;
+  }
+  if (!batch_.variables || !batch_.variables->variable(name, components - 1) ||
+      batch_.variables->variable(name, components))
+    return false;
+  for (uint32_t c = 0; c < components; ++c)
+    write(c, {const_cast<float*>(batch_.variables->variable(name, c)), f.lanes(), ~0u});
+  return true;
+}
+
 bool Machine::copyInstance(Frame& f, uint32_t arg, const Operand& out, const ShaderInstance* from,
                            std::string_view name) {
   const ShaderValue* v = from ? from->parameter(name) : nullptr;
@@ -244,7 +295,8 @@ void Machine::message(Frame& f, const Step& s) {
         found = copyInstance(f, arg, out, partners_.surface, name);
       break;
     case Op::msg_displacement:
-      found = copyInstance(f, arg, out, partners_.displacement, name);
+      found = partners_.ranDisplacement ? copyRegister(f, arg, out, partners_.ranDisplacement->main_, name)
+                                        : copyInstance(f, arg, out, partners_.displacement, name);
       break;
     case Op::msg_atmosphere:
       found = copyInstance(f, arg, out, partners_.atmosphere, name);
@@ -299,6 +351,9 @@ void Machine::message(Frame& f, const Step& s) {
       break;
     case Op::get_rendererinfo:
       found = host_.rendererInfo(name, v) && writeValue(f, arg, out, v);
+      break;
+    case Op::get_variable:
+      found = pointVariable(f, arg, out, name);
       break;
     case Op::get_rayinfo: {
       if (name == "type") {

@@ -76,6 +76,11 @@ void Parser::recover() {
   }
 }
 
+/// After a missing ';': when the next line begins a new statement, go on there.
+void Parser::recoverInLine() {
+  if (pos_ > 0 && tokens_[pos_ - 1].place.line == peek().place.line) recover();
+}
+
 /// After an error in parentheses that open at token `open`: to behind their end, or to before a '{' or '}'.
 void Parser::skipParentheses(size_t open) {
   int depth = 0;
@@ -255,7 +260,7 @@ Stmt* Parser::declaration() {
     }
     s->variables.push_back(std::move(one));
   } while (accept(","));
-  if (!expect(";", "after the declaration")) recover();
+  if (!expect(";", "after the declaration")) recoverInLine();
   return s;
 }
 
@@ -302,8 +307,7 @@ void Parser::file() {
     const size_t before = pos_;
     bool known = false;
     for (const auto& [word, type] : kShaderWords) {
-      if (peek().kind > TokenKind::kKeyword || peek().text != word ||
-          peek(1).kind != TokenKind::kIdentifier)
+      if (peek().kind > TokenKind::kKeyword || peek().text != word || peek(1).kind != TokenKind::kIdentifier)
         continue;
       known = true;
       take();

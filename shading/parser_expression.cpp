@@ -8,7 +8,7 @@ namespace {
 
 // Level 0 binds least. Within a level operators associate to the left. RISpec 3.2.1 section 13.1: the dot
 // product binds tighter than * and /, the cross product looser.
-constexpr std::string_view kLevels[][4] = {{"||"},     {"&&"}, {"==", "!="}, {"<", "<=", ">", ">="},
+constexpr std::string_view kLevels[][4] = {{"||"},     {"&&"}, {"==", "!="},    {"<", "<=", ">", ">="},
                                            {"+", "-"}, {"^"},  {"*", "/", "%"}, {"."}};
 constexpr int kLevelCount = 8;
 constexpr uint32_t kMaxDepth = 1000;

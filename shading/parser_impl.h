@@ -31,6 +31,7 @@ class Parser {
   bool atIncrement() const;
   void incrementError();
   void recover();
+  void recoverInLine();
   void skipParentheses(size_t open);
   bool enter();
 

@@ -87,10 +87,7 @@ Stmt* Parser::expressionStatement() {
     return nullptr;
   }
   s->exprs.push_back(e);
-  if (!expect(";", "after the statement")) {
-    // When the next line begins a new statement, go on there.
-    if (pos_ > 0 && tokens_[pos_ - 1].place.line == peek().place.line) recover();
-  }
+  if (!expect(";", "after the statement")) recoverInLine();
   return s;
 }
 
@@ -170,7 +167,7 @@ Stmt* Parser::jumpStatement() {
       }
       s->exprs.push_back(e);
     }
-    if (!expect(";", "after 'return'")) recover();
+    if (!expect(";", "after 'return'")) recoverInLine();
     return s;
   }
   Stmt* s = makeStmt(word.text == "break" ? StmtKind::kBreak : StmtKind::kContinue, word.place);

@@ -156,7 +156,9 @@ const float* PointColumns::primvar(std::string_view name, uint32_t component) co
   const cache::Skeleton& skeleton = system_.scene.skeleton();
   for (auto& p : primvar_) p.assign(lanes_, 0.0f);
   bool any = false;
-  for (uint32_t i = 0; i < count_; ++i) {
+  const uint32_t period = padLanes(count_);
+  for (uint32_t i = 0; i < lanes_; ++i) {
+    if (i % period >= count_) continue;
     const cache::ObjectRecord& object = system_.scene.objectOf(nodes_[i]);
     const cache::ParamRecord* r = skeleton.find(object.primvars, name);
     if (!r || r->arrayLength > 1) continue;
@@ -373,7 +375,57 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   }
   if (!hits || triple) batch_.stencil = &stencil_;
   finish(setup);
-  primvars(setup.surfaceOverrides, *setup.surface);
+  primvars(setup.surfaceOverrides, *setup.surface, overrides_);
+  batch_.overrides = overrides_.list;
+}
+
+std::span<const Batch::Override> PointColumns::displacementOverrides(const ShadeSetup& setup) {
+  primvars(setup.displacementOverrides, *setup.displacement, displacementOverrides_);
+  return displacementOverrides_.list;
+}
+
+Batch PointColumns::beforeDisplacement(const ShadeSetup& setup) {
+  Batch b = batch_;
+  b.raysAllowed = false;
+  b.overrides = displacementOverrides(setup);
+  undisplaced_.reserve(size_t(lanes_) * 15);
+  std::memset(undisplaced_.data(), 0, size_t(lanes_) * 15 * sizeof(float));
+  uint32_t next = 0;
+  const auto column = [&](GlobalId g) {
+    const Operand o{undisplaced_.data() + size_t(next) * lanes_, lanes_, ~0u};
+    next += 3;
+    return b.globals[size_t(g)] = o;
+  };
+  const Operand P = column(GlobalId::k_P), N = column(GlobalId::k_N), Ng = column(GlobalId::k_Ng),
+                dPdu = column(GlobalId::k_dPdu), dPdv = column(GlobalId::k_dPdv);
+  b.globals[size_t(GlobalId::k_Ns)] = N;
+  for (uint32_t offset = 0; offset < lanes_; offset += padLanes(count_))
+    eachRun([&](cache::NodeId node, uint32_t first, uint32_t m) {
+      const uint32_t at = offset + first;
+      cache::SurfaceOut out;
+      for (uint32_t c = 0; c < 3; ++c) {
+        out.P[c] = P.comp(c) + at, out.N[c] = N.comp(c) + at, out.Ng[c] = Ng.comp(c) + at;
+        out.dPdu[c] = dPdu.comp(c) + at, out.dPdv[c] = dPdv.comp(c) + at;
+      }
+      system_.scene.evaluateSurface(node, m, &cells_[at], &patchU_[at], &patchV_[at], out);
+    });
+  const auto toCurrent = [&](const Operand& o, Helper h) {
+    KernelCall call;
+    const Operand pair[] = {o, o};
+    call.arg = pair, call.argCount = 2, call.lanes = lanes_;
+    call.matrix = &system_.cacheToCurrent[0][0];
+    kernels().helper[size_t(h)](call);
+  };
+  toCurrent(P, Helper::transformPoint);
+  toCurrent(N, Helper::transformNormal), toCurrent(Ng, Helper::transformNormal);
+  toCurrent(dPdu, Helper::transformVector), toCurrent(dPdv, Helper::transformVector);
+  // Per unit of the shader's own u and v, as du and dv are.
+  if (const DerivativeStencil* s = b.stencil)
+    for (uint32_t i = 0; i < lanes_; ++i) {
+      set3(dPdu, i, (at3(P, s->uHi[i]) - at3(P, s->uLo[i])) * s->uScale[i]);
+      set3(dPdv, i, (at3(P, s->vHi[i]) - at3(P, s->vLo[i])) * s->vScale[i]);
+    }
+  return b;
 }
 
 /// Colours, seeds and objects.
@@ -417,16 +469,17 @@ void PointColumns::objectTable() {
   });
   batch_.object = object_.data();
   batch_.objects = objects_;
+  batch_.variables = this;
 }
 
 void PointColumns::primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters,
-                            const ShaderInstance& shader) {
-  overrides_.clear();
+                            const ShaderInstance& shader, Overrides& to) {
+  to.list.clear();
   size_t columns = 0;
   const ShaderProgram& p = shader.program();
   for (const auto& x : parameters) columns += p.symbols[p.parameters[x.parameter].symbol].floats();
-  overrideMemory_.reserve(columns * lanes_ + 1);
-  float* at = overrideMemory_.data();
+  to.memory.reserve(columns * lanes_ + 1);
+  float* at = to.memory.data();
   const cache::Skeleton& skeleton = system_.scene.skeleton();
   std::vector<float*> out;
   for (const auto& x : parameters) {
@@ -466,9 +519,8 @@ void PointColumns::primvars(const std::vector<ShadeSetup::PrimvarParameter>& par
             for (uint32_t c = 0; c < 3; ++c) o.comp(e + c)[i] = v[int(c)];
           }
       });
-    overrides_.push_back({x.parameter, o});
+    to.list.push_back({x.parameter, o});
   }
-  batch_.overrides = overrides_;
 }
 
 void PointColumns::fillForDicing(const ShadeSetup& setup, cache::NodeId node, size_t n, const uint32_t* cell,
@@ -532,7 +584,7 @@ void PointColumns::fillForDicing(const ShadeSetup& setup, cache::NodeId node, si
   batch_.stencil = &stencil_;
   batch_.raysAllowed = false;
   finish(setup);
-  primvars(setup.displacementOverrides, *setup.displacement);
+  batch_.overrides = displacementOverrides(setup);
 }
 
 }  // namespace fr

@@ -6,7 +6,7 @@
 namespace fr {
 
 /// Columns of one batch and the stencil that goes with them. Reused from batch to batch.
-class PointColumns {
+class PointColumns final : public PointVariables {
  public:
   explicit PointColumns(ShadingSystem::Impl& system) : system_(system) {}
 
@@ -25,8 +25,15 @@ class PointColumns {
   /// A primitive variable of the points' objects, in current space; nullptr when none has it. Of floats and
   /// triples.
   const float* primvar(std::string_view name, uint32_t component) const;
+  const float* variable(std::string_view name, uint32_t component) const override {
+    return primvar(name, component);
+  }
   /// Length of the incoming ray of a hit or of a volume's end.
   float distance(uint32_t lane) const { return distance_[lane]; }
+  /// Primitive variables that are parameters of the displacement shader; valid until the next batch.
+  std::span<const Batch::Override> displacementOverrides(const ShadeSetup& setup);
+  /// The points as the displacement shader found them, on the undisplaced surface. The rest is batch()'s.
+  Batch beforeDisplacement(const ShadeSetup& setup);
   const Batch& batch() const { return batch_; }
   Batch& batch() { return batch_; }
   uint32_t count() const { return count_; }
@@ -65,7 +72,13 @@ class PointColumns {
   void evaluate(uint32_t first, uint32_t n, bool diced);
   void toCurrent(uint32_t c, bool normal);
   void differencesFromStencil(bool normals, float orientation);
-  void primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters, const ShaderInstance& shader);
+  /// Values of parameters that primitive variables override.
+  struct Overrides {
+    AlignedFloats memory;
+    std::vector<Batch::Override> list;
+  };
+  void primvars(const std::vector<ShadeSetup::PrimvarParameter>& parameters, const ShaderInstance& shader,
+                Overrides& to);
   void finish(const ShadeSetup& setup);
   void objectTable();
   void describeRays(const ShadePoints& points);
@@ -75,7 +88,7 @@ class PointColumns {
   ShadingSystem::Impl& system_;
   const ShadeSetup* setup_ = nullptr;
   uint32_t count_ = 0, lanes_ = 0;
-  AlignedFloats memory_, overrideMemory_;
+  AlignedFloats memory_, undisplaced_;
   std::vector<int32_t> maskMemory_;
   std::vector<cache::NodeId> nodes_;
   std::vector<uint32_t> cells_;
@@ -84,7 +97,7 @@ class PointColumns {
   std::vector<uint64_t> seeds_;
   std::vector<uint16_t> object_;
   std::vector<uint32_t> objects_;
-  std::vector<Batch::Override> overrides_;
+  Overrides overrides_, displacementOverrides_;
   AlignedFloats mask_;
   AlignedFloats uniforms_;
   DerivativeStencil stencil_;

@@ -3,6 +3,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -80,6 +81,7 @@ struct RunState {
   Diagnostics* diagnostics;
   const PreprocessOptions* options;
   size_t expansions = 0;
+  bool stopped = false;  // by an error that was reported
   std::map<std::string, uint32_t> fileIndex;
   std::vector<std::string> includeChain;
 
@@ -102,7 +104,7 @@ struct RunState {
     return i;
   }
   void add(Severity severity, RiError code, const std::string& file, size_t line, size_t column,
-           std::string message) {
+           std::string message, const std::string& hint = {}) {
     Diagnostic d;
     d.severity = severity;
     d.code = code;
@@ -111,8 +113,11 @@ struct RunState {
     d.sourceLine = out->line(place);
     d.message = std::move(message);
     d.hint = chain();
+    if (!hint.empty()) d.hint = hint + (d.hint.empty() ? "" : "; ") + d.hint;
     diagnostics->add(std::move(d));
   }
+  void addOpenComment(const std::string& file);
+  void addOpenCondition(const std::string& file);
   std::string chain() const {
     std::string r;
     for (size_t i = includeChain.size(); i-- > 1;)
@@ -124,8 +129,65 @@ thread_local RunState* tRun = nullptr;
 
 struct LimitReached : std::exception {};
 
-/// Line ends become '\n', the last line gets one; bytes that are neither text nor part of a string or comment
-/// are Wave's to complain about.
+/// `# 12 "file" flags`, which compilers' own preprocessors leave, is `#line 12 "file"`.
+std::string withLineDirectives(const std::string& t) {
+  std::string r;
+  r.reserve(t.size());
+  for (size_t i = 0; i < t.size();) {
+    const size_t end = std::min(t.find('\n', i), t.size());
+    const size_t sign = t.find_first_not_of(" \t", i);
+    const size_t number = sign < end && t[sign] == '#' ? t.find_first_not_of(" \t", sign + 1) : end;
+    if (number < end && t[number] >= '0' && t[number] <= '9') {
+      const std::string_view line(t.data() + number, end - number);
+      const size_t quote = line.rfind('"');
+      r += "#line ";
+      r += quote == std::string_view::npos ? line : line.substr(0, quote + 1);
+    } else {
+      r.append(t, i, end - i);
+    }
+    if (end < t.size()) r += '\n';
+    i = end + 1;
+  }
+  return r;
+}
+
+/// Where the comment begins that has no end: offset, or npos.
+size_t openComment(std::string_view t) {
+  for (size_t i = 0; i + 1 < t.size(); ++i) {
+    if (t[i] == '"') {
+      for (++i; i < t.size() && t[i] != '"' && t[i] != '\n'; ++i)
+        if (t[i] == '\\') ++i;
+    } else if (t[i] == '/' && t[i + 1] == '/') {
+      i = std::min(t.find('\n', i), t.size());
+    } else if (t[i] == '/' && t[i + 1] == '*') {
+      const size_t end = t.find("*/", i + 2);
+      if (end == std::string_view::npos) return i;
+      i = end + 1;
+    }
+  }
+  return std::string_view::npos;
+}
+
+/// The line of the last #if, #ifdef or #ifndef without an #endif; 0: there is none.
+size_t openCondition(std::string_view t) {
+  std::vector<size_t> open;
+  size_t line = 1;
+  for (size_t i = 0; i < t.size(); ++line) {
+    const size_t end = std::min(t.find('\n', i), t.size());
+    std::string_view text = t.substr(i, end - i);
+    const size_t sign = text.find_first_not_of(" \t");
+    if (sign != std::string_view::npos && text[sign] == '#') {
+      text.remove_prefix(std::min(text.find_first_not_of(" \t", sign + 1), text.size()));
+      if (text.substr(0, 2) == "if") open.push_back(line);
+      if (text.substr(0, 5) == "endif" && !open.empty()) open.pop_back();
+    }
+    i = end + 1;
+  }
+  return open.empty() ? 0 : open.back();
+}
+
+/// Line ends become '\n', the last line gets one; a backslash before blanks at the end of a line continues it
+/// as well. Bytes that are neither text nor part of a string or comment are Wave's to complain about.
 std::string normalised(std::string t) {
   std::string r;
   r.reserve(t.size() + 1);
@@ -135,13 +197,26 @@ std::string normalised(std::string t) {
       r += '\n';
     } else if (t[i] == '\0') {
       r += ' ';
+    } else if (t[i] == '\\') {
+      // Blanks up to the end of the line go.
+      size_t next = i + 1;
+      while (next < t.size() && (t[next] == ' ' || t[next] == '\t')) ++next;
+      r += '\\';
+      if (next < t.size() && (t[next] == '\n' || t[next] == '\r')) i = next - 1;
     } else {
       r += t[i];
     }
   }
   if (r.starts_with("\xef\xbb\xbf")) r.erase(0, 3);
   if (r.empty() || r.back() != '\n') r += '\n';
-  return r;
+  return withLineDirectives(r);
+}
+
+/// Wave's words without the severity in front, which is said anyway.
+std::string withoutSeverity(std::string text) {
+  for (const char* prefix : {"fatal error: ", "error: ", "warning: ", "remark: "})
+    if (text.starts_with(prefix)) return text.substr(std::strlen(prefix));
+  return text;
 }
 
 /// Wave parses #if by recursion: a line of a thousand parentheses must not reach it.
@@ -163,6 +238,20 @@ bool conditionsAreShallow(const std::string& t) {
     i = end + 1;
   }
   return true;
+}
+
+void RunState::addOpenComment(const std::string& file) {
+  const std::string& text = out->files[fileOf(file)].text;
+  const size_t at = std::min(openComment(text), text.size());
+  const size_t lineStart = at == 0 ? 0 : text.rfind('\n', at - 1) + 1;
+  add(Severity::kError, RiError::kSyntax, file,
+      1 + size_t(std::count(text.begin(), text.begin() + long(at), '\n')), at - lineStart + 1,
+      "comment without an end");
+}
+
+void RunState::addOpenCondition(const std::string& file) {
+  add(Severity::kError, RiError::kSyntax, file, openCondition(out->files[fileOf(file)].text), 1,
+      "this condition has no #endif");
 }
 
 struct InputPolicy {
@@ -227,16 +316,24 @@ struct Hooks : boost::wave::context_policies::default_preprocessing_hooks {
   template <class Context, class Exception>
   void throw_exception(const Context&, const Exception& e) {
     const int severity = int(e.get_severity());
-    std::string text = e.description();
-    // Wave goes on after a broken _Pragma with a token that is not there.
+    std::string text = withoutSeverity(e.description());
+    // Wave goes on after a broken _Pragma with a token that is not there, and reads on behind an open
+    // comment.
     const bool fatal = severity >= int(boost::wave::util::severity_fatal) || !e.is_recoverable() ||
-                       text.find("_Pragma") != std::string::npos;
-    if (tRun) {
+                       text.find("_Pragma") != std::string::npos ||
+                       text.find("Unterminated 'C' style comment") != std::string::npos;
+    if (tRun && text.find("Unterminated 'C' style comment") != std::string::npos) {
+      tRun->addOpenComment(e.file_name());
+    } else if (tRun && text.find("missing #endif") != std::string::npos) {
+      tRun->addOpenCondition(e.file_name());
+    } else if (tRun) {
       const bool error = fatal || severity >= int(boost::wave::util::severity_error);
       std::replace(text.begin(), text.end(), '\n', ' ');
+      const bool include = text.find("could not find include file") != std::string::npos;
       tRun->add(error ? Severity::kError : Severity::kWarning, RiError::kSyntax, e.file_name(), e.line_no(),
-                e.column_no(), text);
+                e.column_no(), text, include ? "folders to look in are given with -I" : "");
     }
+    if (tRun && fatal) tRun->stopped = true;
     if (fatal) boost::throw_exception(e);
   }
 
@@ -301,7 +398,7 @@ bool preprocess(const std::string& fileName, std::string text, const PreprocessO
   out = {};
   const uint64_t hash = hashBytes(text.data(), text.size());
   const std::string source = normalised(std::move(text));
-  RunState run{&out, &diagnostics, &options, 0, {}, {fileName}};
+  RunState run{&out, &diagnostics, &options, 0, false, {}, {fileName}};
   out.files.clear();
   run.fileOf(fileName);
   out.files[0] = {fileName, source, hash};
@@ -322,9 +419,13 @@ bool preprocess(const std::string& fileName, std::string text, const PreprocessO
     run.add(Severity::kError, RiError::kLimit, fileName, 0, 0,
             "macros expand to too much text (a macro that doubles itself?)");
   } catch (const boost::wave::cpp_exception& e) {
-    run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(), e.description());
+    if (!run.stopped)
+      run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(),
+              withoutSeverity(e.description()));
   } catch (const boost::wave::cpplexer::lexing_exception& e) {
-    run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(), e.description());
+    if (!run.stopped)
+      run.add(Severity::kError, RiError::kSyntax, e.file_name(), e.line_no(), e.column_no(),
+              withoutSeverity(e.description()));
   } catch (const std::exception& e) {
     run.add(Severity::kError, RiError::kSyntax, fileName, 0, 0, fmt::format("preprocessor: {}", e.what()));
   }

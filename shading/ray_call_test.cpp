@@ -44,6 +44,117 @@ TEST(RayCalls, TermsTravelWithTheRays) {
   EXPECT_EQ(std::memcmp(&seen, &nothing, sizeof seen), 0);
 }
 
+TEST(RayCalls, OthresholdSaysWhereRaysEnd) {
+  MachineFixture f;
+  RayTerms seen{};
+  f.oracle = [&](PendingRays& r) { seen = r.terms; };
+  const auto s = surface(f, "Ci = trace(P, N, \"othreshold\", color(0.25, 0.5, 1));");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(seen.flags, RayTerms::kHasOpaque);
+  EXPECT_EQ(seen.opaque[0], 0.25f);
+  EXPECT_EQ(seen.opaque[2], 1.0f);
+  const auto scalar =
+      surface(f, "color c = 0; gather(\"\", P, N, 0, 1, \"othreshold\", .5, \"surface:Ci\", c) {}");
+  ASSERT_TRUE(scalar);
+  f.run(*scalar);
+  EXPECT_EQ(seen.opaque[1], 0.5f);
+}
+
+/// Everything stands at distance 2.
+void atTwo(PendingRays& r) {
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const bool seen = r.terms.maxDistance == 0 || r.terms.maxDistance > 2;
+    r.hitDistance[k] = seen ? 2.0f : kNoHit;
+    for (int c = 0; c < 3; ++c) r.color[c][k] = seen ? 1.0f : 0.0f;
+  }
+}
+
+TEST(RayCalls, TermsMayDifferFromPointToPoint) {
+  MachineFixture f;  // u in steps of 1/7
+  f.oracle = atTwo;
+  const auto each = [&](const std::string& body, const std::function<double(double)>& want, double tolerance,
+                        int suspensions) {
+    const auto s = surface(f, body);
+    ASSERT_TRUE(s) << f.error;
+    f.run(*s);
+    EXPECT_EQ(f.suspensions, suspensions) << body;
+    for (uint32_t i = 0; i < f.count; ++i)
+      EXPECT_NEAR(f.Ci(i), want(double(f.batch.globals[size_t(GlobalId::k_u)].at(i))), tolerance)
+          << body << " at " << i;
+  };
+  const auto near = [](double u) { return u * 4 > 2 ? 1 : 0; };
+  // One block for each distance.
+  each("Ci = trace(P, N, \"maxdist\", u * 4);", near, 0, 8);
+  each("float d = trace(P, N, \"maxdist\", u * 4); Ci = d < 1e10 ? 1 : 0;", near, 0, 8);
+  each(
+      "Ci = trace(P, N, \"maxdist\", u > 0.5 ? 5 : 1);", [](double u) { return u > 0.5 ? 1 : 0; }, 0, 2);
+  each(
+      "Ci = trace(P, N, \"maxdist\", 5);", [](double) { return 1; }, 0, 1);
+  each("Ci = occlusion(P, N, 3, \"maxdist\", u * 4);", near, 1e-6, 24);
+  each(
+      "Ci = occlusion(P, N, 4, \"falloff\", u);", [](double u) { return std::exp(-2 * u); }, 1e-6, 4);
+  // As many samples as each point wants, its own cone.
+  f.oracle = [](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k)
+      for (int c = 0; c < 3; ++c) r.color[c][k] = -r.direction[2][k];
+  };
+  each(
+      "Ci = trace(P, N, \"samples\", 64, \"samplecone\", u);",
+      [](double u) { return 0.5 * (1 + std::cos(u)); }, 2e-3, 64);
+  each(
+      "Ci = trace(P, N, \"samples\", 1 + u * 7, \"samplecone\", 0.01);", [](double) { return 1; }, 1e-4, 8);
+  uint32_t rays = 0;
+  f.oracle = [&](PendingRays& r) { rays += r.count; };
+  each(
+      "Ci = trace(P, N, \"samples\", 1 + u * 7, \"samplecone\", 0.01);", [](double) { return 0; }, 0, 8);
+  EXPECT_EQ(rays, 5u * (1 + 2 + 3 + 4 + 5 + 6 + 7 + 8));
+}
+
+TEST(RayCalls, GatherMayDifferFromPointToPoint) {
+  MachineFixture f;
+  f.oracle = atTwo;
+  const auto s = surface(
+      f,
+      "float hits = 0, misses = 0, wide = 0; vector d = 0;\n"
+      "gather(\"illuminance\", P, N, u * 1.5, 1 + 7 * u, \"maxdist\", v > 0.5 ? 3 : 1, \"ray:direction\", d)"
+      " { hits += 1; wide = max(wide, acos(d . N)); } else { misses += 1; wide = max(wide, acos(d . N)); }"
+      " Ci = color(hits, misses, wide);");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  for (uint32_t i = 0; i < f.count; ++i) {
+    const float u = f.batch.globals[size_t(GlobalId::k_u)].at(i),
+                v = f.batch.globals[size_t(GlobalId::k_v)].at(i);
+    const float samples = std::floor(1 + 7 * u);
+    EXPECT_EQ(f.Ci(i, 0), v > 0.5f ? samples : 0) << i;
+    EXPECT_EQ(f.Ci(i, 1), v > 0.5f ? 0 : samples) << i;
+    EXPECT_LE(f.Ci(i, 2), u * 1.5f + 1e-3f) << i;
+    if (u > 0.9f) {
+      EXPECT_GT(f.Ci(i, 2), 0.5f) << i;
+    }
+  }
+}
+
+TEST(Loops, OperandsKeepTheValuesThatTheyHadAtFirst) {
+  MachineFixture f;
+  // The body turns the direction about: all samples still go where the first one went.
+  const auto s = surface(f,
+                         "vector d = vector(0, 0, 1), r = 0; point Q = P; float n = 3; Ci = 0;\n"
+                         "gather(\"samplepattern\", Q, d, 0, n, \"ray:direction\", r) {} else {"
+                         " Ci += color(r); d = vector(1, 0, 0); Q = 0; n = 100; }");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(f.Ci(0, 0), 0);
+  EXPECT_EQ(f.Ci(0, 2), 3);
+  const auto light = f.shader("light a() { solar(vector(0, 0, 1), 0) Cl = 1; }");
+  const auto lit = surface(f,
+                           "vector axis = vector(0, 0, -1); float angle = 0.5; Ci = 0; point Q = P;\n"
+                           "illuminance(Q, axis, angle) { Ci += Cl; axis = -axis; angle = 0; Q += 1; }");
+  ASSERT_TRUE(light && lit) << f.error;
+  f.run(*lit, {light.get(), light.get(), light.get()});
+  EXPECT_EQ(f.Ci(0), 3);
+}
+
 TEST(RayCalls, LongNamesAreCutNotOverrun) {
   MachineFixture f;
   RayTerms seen{};
@@ -308,6 +419,35 @@ TEST(Components, ReadAndWrittenByIndex) {
   EXPECT_EQ(f.Ci(0, 2), 10);
   EXPECT_FALSE(f.shader("surface t() { float x = 1; Ci = x[0]; }"));
   EXPECT_FALSE(f.shader("surface t() { Ci[3] = 1; }"));
+}
+
+TEST(Strings, LimitsHaveOneMessageEach) {
+  MachineFixture f;
+  std::vector<std::string> said;
+  setReportSink([&](const Error& e) { said.push_back(e.message); });
+  const auto s = surface(f,
+                         "string a = \"abcdefgh\"; float i; for (i = 0; i < 100; i += 1) a = concat(a, a);"
+                         " Ci = strlen(a); Ci[1] = match(\"(a*)*(a*)*(a*)*c$\", concat(a, \"b\"));"
+                         " string b = \"((((((((((\"; for (i = 0; i < 9; i += 1) b = concat(b, b);"
+                         " Ci[2] = match(b, a);");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  EXPECT_EQ(f.Ci(0, 0), 32767);
+  EXPECT_EQ(f.Ci(0, 1), 0);
+  EXPECT_EQ(f.Ci(0, 2), 0);
+  ASSERT_EQ(said.size(), 2u);
+  EXPECT_NE(said[0].find("longer than"), std::string::npos);
+  EXPECT_NE(said[1].find("bad pattern"), std::string::npos);
+  // Many different texts, none of them long: a batch does not grow without end.
+  const auto many = surface(f,
+                            "string a = \"\"; float i; for (i = 0; i < 200000; i += 1)"
+                            " a = format(\"%900d\", i); Ci = strlen(a);");
+  ASSERT_TRUE(many);
+  said.clear();
+  f.run(*many);
+  setReportSink({});
+  ASSERT_EQ(said.size(), 1u);
+  EXPECT_NE(said[0].find("too many"), std::string::npos);
 }
 
 TEST(Strings, LengthAndParts) {

@@ -38,10 +38,12 @@ TextureLibrary::Options textureOptions(const cache::Skeleton& s) {
 
 }  // namespace
 
-SceneHost::SceneHost(const cache::Skeleton& skeleton) : skeleton_(skeleton), textures_(textureOptions(skeleton)) {
+SceneHost::SceneHost(const cache::Skeleton& skeleton)
+    : skeleton_(skeleton), textures_(textureOptions(skeleton)) {
   // One of the two stands for both.
   const float bias = numberOption(skeleton_, "shadow:bias", -1.0f);
-  shadowBias_ = {numberOption(skeleton_, "shadow:bias0", bias), numberOption(skeleton_, "shadow:bias1", bias)};
+  shadowBias_ = {numberOption(skeleton_, "shadow:bias0", bias),
+                 numberOption(skeleton_, "shadow:bias1", bias)};
   if (shadowBias_.x < 0) shadowBias_.x = std::max(0.0f, shadowBias_.y);
   if (shadowBias_.y < 0 && numberOption(skeleton_, "shadow:bias0", -1.0f) >= 0) shadowBias_.y = shadowBias_.x;
   const cache::CameraRecord& c = skeleton_.camera();
@@ -316,6 +318,24 @@ bool SceneHost::rendererInfo(std::string_view name, ShaderValue& v) const {
   else
     return false;
   return true;
+}
+
+/// Modes of displays are "rgba", "z", "name", "varying color name", or several of them with commas between.
+bool SceneHost::isDisplayed(std::string_view name) const {
+  if (name.empty()) return false;
+  for (const cache::DisplayRecord& d : skeleton_.displays(skeleton_.options().displays)) {
+    std::string_view rest = skeleton_.string(d.mode);
+    while (!rest.empty()) {
+      std::string_view part = rest.substr(0, rest.find(','));
+      rest.remove_prefix(std::min(part.size() + 1, rest.size()));
+      while (!part.empty() && part.back() == ' ') part.remove_suffix(1);
+      const std::string_view word = part.substr(part.find_last_of(" \t") + 1);
+      if (word == name || (name == "Ci" && word.substr(0, 3) == "rgb") ||
+          (name == "Oi" && (word == "rgba" || word == "rgbaz" || word == "a")))
+        return true;
+    }
+  }
+  return false;
 }
 
 Vec2 SceneHost::clipping() const { return {skeleton_.camera().clipping[0], skeleton_.camera().clipping[1]}; }

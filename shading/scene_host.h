@@ -27,6 +27,7 @@ class SceneHost final : public ShaderHost {
   bool attribute(std::string_view name, uint32_t attributes, ShaderValue& v) const override;
   bool option(std::string_view name, ShaderValue& v) const override;
   bool rendererInfo(std::string_view name, ShaderValue& v) const override;
+  bool isDisplayed(std::string_view name) const override;
   Vec2 clipping() const override;
   float sceneDiameter() const override { return sceneDiameter_; }
   void print(std::string_view text) const override;

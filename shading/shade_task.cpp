@@ -26,7 +26,7 @@ struct ShadeTask::Impl {
   mutable AlignedFloats broadcast;
   AlignedFloats results;
 
-  bool surfaceRan = false;
+  bool surfaceRan = false, displacementRan = false;
 
   Machine& running() { return stage == Stage::kVolume ? *other : surface; }
   const Machine& running() const { return stage == Stage::kVolume ? *other : surface; }
@@ -35,6 +35,7 @@ struct ShadeTask::Impl {
     return *other;
   }
   void bump();
+  void runDisplacement(const Batch& b);
   void applyAttributes();
   bool beginVolume();
   const float* broadcastColumn(const Operand& o, uint32_t component) const;
@@ -49,17 +50,23 @@ ShadeTask::~ShadeTask() = default;
 ShadeTask::ShadeTask(ShadeTask&&) noexcept = default;
 ShadeTask& ShadeTask::operator=(ShadeTask&&) noexcept = default;
 
+/// For its normals, or for what others ask it by displacement("x", v).
+void ShadeTask::Impl::runDisplacement(const Batch& b) {
+  Machine& m = second();
+  m.begin(b, *setup->displacement, {}, setup->partners());
+  m.run();
+  displacementRan = true;
+}
+
 /// A displacement shader that moves nothing runs here, for its normals.
 void ShadeTask::Impl::bump() {
-  Machine& m = second();
   // A solid has one shape, whether it is added or taken away.
   if (columns.subtracted()) columns.turnOver();
   Batch b = columns.batch();
   b.raysAllowed = false;
-  b.overrides = {};
-  m.begin(b, *setup->displacement, {}, setup->partners());
-  m.run();
-  const Operand N = m.result(GlobalId::k_N);
+  b.overrides = columns.displacementOverrides(*setup);
+  runDisplacement(b);
+  const Operand N = second().result(GlobalId::k_N);
   const Operand to = b.globals[size_t(GlobalId::k_N)];
   if (N.data)
     for (uint32_t c = 0; c < 3; ++c)
@@ -76,7 +83,7 @@ void ShadeTask::begin(const ShadePoints& points) {
              : t.system.scene.objectOf(hits ? points.node[0] : points.grid->node).attributes;
   t.points = points;
   t.setup = &t.system.setup(attributes);
-  t.surfaceRan = false;
+  t.surfaceRan = t.displacementRan = false;
   if (volume)
     t.columns.fillVolume(points, *t.setup);
   else
@@ -105,12 +112,17 @@ void ShadeTask::begin(const ShadePoints& points) {
     return;
   }
   t.stage = Impl::Stage::kSurface;
-  if (t.setup->bumpOnly) t.bump();
+  if (t.setup->bumpOnly)
+    t.bump();
+  else if (t.setup->displacementIsAsked)
+    t.runDisplacement(t.columns.beforeDisplacement(*t.setup));
   // A shadow ray wants the opacity alone: no light has to run.
   const std::span<const ShaderInstance* const> lights =
       points.shadowRay ? std::span<const ShaderInstance* const>()
                        : std::span<const ShaderInstance* const>(t.setup->lights);
-  t.surface.begin(t.columns.batch(), *t.setup->surface, lights, t.setup->partners());
+  Machine::Partners partners = t.setup->partners();
+  if (t.displacementRan) partners.ranDisplacement = t.other.get();
+  t.surface.begin(t.columns.batch(), *t.setup->surface, lights, partners);
 }
 
 /// Ci = Os Cs, Oi = Os: what a surface looks like without its shader.

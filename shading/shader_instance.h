@@ -34,6 +34,11 @@ class ShaderHost {
   virtual bool attribute(std::string_view name, uint32_t attributes, ShaderValue& v) const = 0;
   virtual bool option(std::string_view name, ShaderValue& v) const = 0;
   virtual bool rendererInfo(std::string_view name, ShaderValue& v) const = 0;
+  /// Whether a display shows the output or predefined variable of that name.
+  virtual bool isDisplayed(std::string_view name) const {
+    (void)name;
+    return false;
+  }
   /// Near and far clipping distances, for depth().
   virtual Vec2 clipping() const = 0;
   /// Length that leaves the scene from anywhere in it: how far shadow rays of distant lights go.

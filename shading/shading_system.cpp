@@ -53,6 +53,24 @@ cache::ParamRecord typedAs(const ShaderProgram& program, std::string_view name, 
   }
   return given;
 }
+
+/// `program` may read by displacement("x", v) what `displacement` computes: an output parameter.
+bool asksForOutputs(const ShaderProgram& program, const ShaderProgram& displacement) {
+  const auto computed = [&](std::string_view name) {
+    for (const Parameter& p : displacement.parameters)
+      if (displacement.symbols[p.symbol].storage == Storage::kOutputParameter &&
+          (name.empty() || displacement.symbolName(p.symbol) == name))
+        return true;
+    return false;
+  };
+  for (const Instruction& in : program.code) {
+    if (in.op != Op::msg_displacement) continue;
+    const Symbol& name = program.symbol(program.operands(in)[1]);
+    const bool known = name.storage == Storage::kConstant;
+    if (computed(known ? std::string_view(program.strings[name.data]) : std::string_view())) return true;
+  }
+  return false;
+}
 }  // namespace
 
 ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
@@ -210,6 +228,17 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   }
   for (const ShaderInstance* l : setup->lights) add(l);
   setup->displaced = setup->displacement && !setup->bumpOnly;
+  const auto asksDisplacement = [&](const ShaderInstance* i) {
+    return i && asksForOutputs(i->program(), setup->displacement->program());
+  };
+  if (setup->displaced) {
+    setup->displacementIsAsked = asksDisplacement(setup->surface.get());
+    for (const ShaderInstance* l : setup->lights) setup->displacementIsAsked |= asksDisplacement(l);
+    if (setup->displacementIsAsked) {
+      setup->readsGlobals |= setup->displacement->program().readsGlobals;
+      setup->usesDerivatives |= setup->displacement->exe->has(kProgramUsesDerivatives);
+    }
+  }
   const auto namesObject = [](const ShaderInstance* i) {
     if (!i) return false;
     // A parameter may hold the name too.

@@ -319,6 +319,64 @@ TEST(ShadingSystem, BumpMappingChangesNormalsAlone) {
   });
 }
 
+TEST(ShadingSystem, SurfacesReadWhatTheDisplacementComputed) {
+  // The height depends on the undisplaced point, which the surface itself no longer sees.
+  for (const bool moves : {true, false}) {
+    Scene s(
+        "Attribute \"displacementbound\" \"sphere\" [1]\nDisplacement \"lift\"\nSurface \"tells\"\n"
+        "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0] \"varying float gain\" [1 1 2 2]\n",
+        {{"lift", std::string("displacement lift(float gain = 9; output varying float height = -1) {"
+                              " height = gain * (1 + xcomp(transform(\"object\", P)));") +
+                      (moves ? " P += vector(0.25 * height, 0, 0); }" : " N = N; }")},
+         {"tells",
+          "surface tells() { float h = 7; float found = displacement(\"height\", h);"
+          " Ci = color(h, found, u); Oi = 1; }"}});
+    s.shading->loadShaders(cache::kForReyes);
+    ShadeTask task(*s.shading);
+    s.forEachGrid([&](const cache::GridRecord& g) {
+      s.shade(task, gridPoints(g));
+      const size_t n = s.cache->view(g).vertexCount();
+      std::vector<uint32_t> cell(n);
+      std::vector<float> u(n), v(n);
+      s.cache->vertexParameters(g, cell.data(), u.data(), v.data());
+      for (size_t i = 0; i < n; ++i) {
+        ASSERT_NEAR(task.color(0)[i], (1 + v[i]) * 2 * u[i], 1e-4) << moves;
+        ASSERT_EQ(task.color(1)[i], 1);
+      }
+    });
+  }
+}
+
+TEST(ShadingSystem, VariablesByName) {
+  Scene s(
+      "Surface \"asks\" Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0]\n"
+      "\"varying float heat\" [0 1 0 1] \"constant vector aim\" [1 2 3]\n",
+      {{"asks",
+        "surface asks(output varying color aov = 0; output float other = 0) {\n"
+        "  float h = 5, none = 4; vector a = 0; point p = 0; color c = 0;\n"
+        "  float found = getvar(\"heat\", h) + getvar(null, \"aim\", a) + getvar(\"P\", p);\n"
+        "  found += getvar(\"nowhere\", none) + getvar(\"heat\", c) + (none == 4 ? 0 : 100);\n"
+        "  found += (p == P ? 0 : 100) + 10 * length(a);\n"
+        "  Ci = color(h, found, isoutput(aov) + 2 * isoutput(\"other\") + 4 * isoutput(\"z\") + 8 * "
+        "isoutput(Ci));\n"
+        "  Oi = 1;\n}\n"}},
+      "Display \"a.exr\" \"file\" \"rgba,varying color aov\"\nDisplay \"+b.exr\" \"file\" \"z\"\n");
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    const size_t n = s.cache->view(g).vertexCount();
+    std::vector<uint32_t> cell(n);
+    std::vector<float> u(n), v(n);
+    s.cache->vertexParameters(g, cell.data(), u.data(), v.data());
+    for (size_t i = 0; i < n; ++i) {
+      ASSERT_NEAR(task.color(0)[i], u[i], 1e-5);
+      ASSERT_NEAR(task.color(1)[i], 3 + 10 * std::sqrt(14.0), 1e-3);
+      ASSERT_EQ(task.color(2)[i], 1 + 4 + 8);
+    }
+  });
+}
+
 TEST(ShadingSystem, DenseMeshesShadeAsMeshlets) {
   // A wavy sheet of small triangles.
   constexpr int n = 40;

@@ -11,7 +11,7 @@ namespace fr {
 struct SourceFile {
   std::string name;
   std::string text;
-  uint64_t hash = 0;         // xxHash of the bytes on disk; 0: not a file
+  uint64_t hash = 0;           // xxHash of the bytes on disk; 0: not a file
   std::string includedFrom{};  // "included from b.h, from a.sl"; "" for the first file
 };
 

@@ -30,6 +30,7 @@ struct ShadeSetup {
   bool canAskRays = false;
   bool usesObjectSpace = false;
   bool displaced = false;                                // the displacement shader moves points
+  bool displacementIsAsked = false;                      // a surface or light wants a value that it computes
   uint64_t readsGlobals = 0;                             // of all programs that run when shading
   uint32_t maxDiffuseDepth = 1, maxSpecularDepth = ~0u;  // Attribute "trace"
 

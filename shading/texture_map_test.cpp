@@ -56,6 +56,77 @@ TEST_F(MapTest, LatLongHasNoSeamAndNoHoleAtThePole) {
       << "blur 1 is the whole map";
 }
 
+/// Environment maps of ray calls: brightness 0.5 + 0.5 x of the direction.
+class MissedRays : public MapTest {
+ protected:
+  MissedRays() {
+    picture("sky.tif", 256, 128, 3, [](int x, int y, int) {
+      const float a = ((float(x) + 0.5f) / 256 - 0.5f) * 2 * kPi, b = (0.5f - (float(y) + 0.5f) / 128) * kPi;
+      return 0.5f + 0.5f * std::cos(a) * std::cos(b);
+    });
+    EXPECT_TRUE(make(FR_MAKE_LATLONG, {"sky.tif"}, "sky.env").ok());
+    f.resize(3, 3);
+  }
+};
+
+TEST_F(MissedRays, SeeTheMapOfTrace) {
+  run("trace(P, vector(1, 0, 0), \"environmentmap\", \"sky.env\")");
+  EXPECT_NEAR(f.Ci(2), 1, 0.01f);
+  run("trace(P, vector(-1, 0, 0), \"environmentmap\", \"sky.env\")");
+  EXPECT_NEAR(f.Ci(2), 0, 0.01f);
+  // Another coordinate system: its x axis is -x of the world.
+  f.host.spaces["turned"] = DMat4(1.0);
+  f.host.spaces["turned"][0][0] = f.host.spaces["turned"][1][1] = -1;
+  run("trace(P, vector(1, 0, 0), \"environmentmap\", \"sky.env\", \"environmentspace\", \"turned\")");
+  EXPECT_NEAR(f.Ci(2), 0, 0.01f);
+  // Through what lets a quarter pass, and onto what lets nothing pass.
+  float passes = 0.25f;
+  f.oracle = [&](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k)
+      for (int c = 0; c < 3; ++c) r.hitDistance[k] = 1, r.color[c][k] = 0.5f, r.extra[c][k] = passes;
+  };
+  run("trace(P, vector(1, 0, 0), \"environmentmap\", \"sky.env\")");
+  EXPECT_NEAR(f.Ci(2), 0.75, 0.01f);
+  passes = 0;
+  run("trace(P, vector(1, 0, 0), \"environmentmap\", \"sky.env\")");
+  EXPECT_EQ(f.Ci(2), 0.5f);
+  EXPECT_TRUE(errors.empty()) << errors[0].str();
+}
+
+TEST_F(MissedRays, SeeTheMapOfHemispheres) {
+  // The cosine-weighted mean of x about x is 2/3, about -x -2/3.
+  run("indirectdiffuse(P, vector(1, 0, 0), 256, \"environmentmap\", \"sky.env\")");
+  EXPECT_NEAR(f.Ci(1), 0.5 + 0.5 * 2 / 3, 0.01f);
+  run("indirectdiffuse(P, vector(-1, 0, 0), 256, \"environmentmap\", \"sky.env\")");
+  EXPECT_NEAR(f.Ci(1), 0.5 - 0.5 * 2 / 3, 0.01f);
+  // Half of it is hidden, what is clear has the mean of the map.
+  f.oracle = [](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) r.hitDistance[k] = r.direction[1][k] > 0 ? 1.0f : kNoHit;
+  };
+  run("color(o, comp(sky, 0), comp(sky, 2))", "",
+      "color sky = 0; float o = occlusion(P, vector(0, 0, 1), 256, \"environmentmap\", \"sky.env\", "
+      "\"environmentcolor\", sky);");
+  EXPECT_NEAR(f.Ci(3, 0), 0.5, 0.01f);
+  EXPECT_NEAR(f.Ci(3, 1), 0.25, 0.01f);
+  EXPECT_NEAR(f.Ci(3, 2), 0.25, 0.01f);
+}
+
+TEST_F(MissedRays, SeeTheMapOfGather) {
+  f.oracle = [](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k) {
+      r.hitDistance[k] = r.direction[1][k] > 0 ? 1.0f : kNoHit;
+      for (int c = 0; c < 3; ++c) r.color[c][k] = 3;
+    }
+  };
+  run("color(misses / 64, comp(sum, 0) / misses, comp(hit, 1))", "",
+      "color sky = 7, c = 0, sum = 0, hit = 0; float misses = 0;\n"
+      "gather(\"illuminance\", P, vector(0, 0, 1), PI/2, 64, \"surface:Ci\", c, \"environment:color\", sky,"
+      " \"environmentmap\", \"sky.env\") { hit = c; } else { sum += sky; misses += 1; }");
+  EXPECT_NEAR(f.Ci(0, 0), 0.5, 0.02f);
+  EXPECT_NEAR(f.Ci(0, 1), 0.5, 0.02f);
+  EXPECT_EQ(f.Ci(0, 2), 3);
+}
+
 TEST_F(MapTest, FourDirectionsAreAFilterQuad) {
   picture("steps.tif", 256, 128, 1, [](int x, int, int) { return (x / 8) & 1 ? 1.0f : 0.0f; });
   const float wide =

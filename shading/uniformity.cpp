@@ -154,7 +154,8 @@ class Uniformity {
           value = true;
       const bool ofPoint = in.op == Op::msg_surface || in.op == Op::msg_displacement ||
                            in.op == Op::msg_atmosphere || in.op == Op::msg_lightsource ||
-                           in.op == Op::msg_incident || in.op == Op::msg_opposite || in.op == Op::get_rayinfo;
+                           in.op == Op::msg_incident || in.op == Op::msg_opposite ||
+                           in.op == Op::get_rayinfo || in.op == Op::get_variable;
       for (uint32_t a : operands) {
         if (!(a & kArgWritten)) continue;
         const bool inout = (a & kArgRead) != 0;

@@ -37,8 +37,7 @@ int compileOne(const std::string& file, const Settings& s) {
   options.shadeopPaths.push_back(".");
   auto programs = fr::compileShaders(file, *text, options, diagnostics);
   for (const fr::Diagnostic& d : diagnostics.all())
-    if (d.severity >= fr::Severity::kError || !(s.quiet || s.noWarnings))
-      std::fputs(d.str().c_str(), stderr);
+    if (d.severity >= fr::Severity::kError || !(s.quiet || s.noWarnings)) std::fputs(d.str().c_str(), stderr);
   if (const size_t more = diagnostics.errorCount() + diagnostics.warningCount() - diagnostics.all().size())
     std::fprintf(stderr, "and %zu more messages\n", more);
   if (!programs) return 1;

@@ -147,6 +147,8 @@ void AnswerThread::readTerms(const RayTerms& terms, Level& at) {
   if (uint32_t(t.hitMode) > uint32_t(HitMode::kShader)) t.hitMode = HitMode::kDefault;
   if (!(t.maxDistance > 0) || !std::isfinite(t.maxDistance)) t.maxDistance = 0;
   if (!(t.bias >= 0) || !std::isfinite(t.bias)) t.bias = 0;
+  for (float& o : t.opaque)
+    if (!std::isfinite(o)) o = 1;
   t.diffuseDepth = std::min(t.diffuseDepth, 1u << 20), t.shadowDepth = std::min(t.shadowDepth, 1u << 20);
 
   const std::string_view subset = t.subset, exclude = t.excludeSubset;
@@ -451,7 +453,10 @@ void AnswerThread::runTrace(Level& at, size_t depth) {
       PathRay& p = at.path[at.order[k]];
       p.color += p.through * p.hitColor;
       p.through *= Color(1) - p.hitOpacity;
-      if (largest(p.through) < kCovered || p.steps >= kMaxSteps) {
+      const RayTerms& t = at.terms;
+      const bool opaque = (t.flags & RayTerms::kHasOpaque) && 1 - p.through.x >= t.opaque[0] &&
+                          1 - p.through.y >= t.opaque[1] && 1 - p.through.z >= t.opaque[2];
+      if (opaque || largest(p.through) < kCovered || p.steps >= kMaxSteps) {
         p.going = false;
       } else {
         p.volumeOf = scene->entry(p.hit.entry).attributes;

@@ -133,6 +133,30 @@ TEST(RayFunctions, TransmissionThroughLayers) {
   }
 }
 
+TEST(RayFunctions, OthresholdEndsRays) {
+  // Three sheets, each half opaque and of a colour of its own.
+  std::string sheets;
+  for (int k = 1; k <= 3; ++k)
+    sheets += fmt::format("AttributeBegin {} Surface \"sheet\" \"float k\" [{}] {} AttributeEnd\n", kUnseen,
+                          k, square(-k));
+  const std::string sheet =
+      "surface sheet(float k = 0) { Oi = 0.5; Ci = 0.5 * color(k == 1, k == 2, k == 3); }\n";
+  const auto seen = [&](const std::string& terms) {
+    const Channels c =
+        picture(sheets + kFloor, {{"probe", shows("trace(P, up" + terms + ")")}, {"sheet", sheet}});
+    return Vec3(float(mean(c, 0)), float(mean(c, 1)), float(mean(c, 2)));
+  };
+  const Vec3 all = seen(""), one = seen(", \"othreshold\", color(0)"),
+             two = seen(", \"othreshold\", color(0.7)");
+  EXPECT_NEAR(all.x, 0.5, 1e-5);
+  EXPECT_NEAR(all.y, 0.25, 1e-5);
+  EXPECT_NEAR(all.z, 0.125, 1e-5);
+  EXPECT_NEAR(one.x, 0.5, 1e-5);
+  EXPECT_EQ(one.y, 0);
+  EXPECT_NEAR(two.y, 0.25, 1e-5);
+  EXPECT_EQ(two.z, 0);
+}
+
 TEST(RayFunctions, TransmissionHitModes) {
   const std::string layer = "AttributeBegin Surface \"layer\" Opacity [0.25 0.25 0.25] " + kUnseen +
                             square(-1) + "AttributeEnd\n" + kFloor;
