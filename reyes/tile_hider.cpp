@@ -198,12 +198,23 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   entry.node = node, entry.record = &grid, entry.indices = v.indices;
   entry.traits = scene_.traits[object.attributes];
   entry.solid = solid, entry.shows = !isSolid || entry.traits.visible;
+  // Vertices of a prototype, brought to cache space; key after key where they move.
+  const float* positions = v.positions;
+  size_t keyStride = grid.keyBytes / sizeof(float);
+  if (v.placement) {
+    const size_t count = size_t(rows - 1) * rowStride + size_t(columns);
+    placed_.resize(count * grid.keyCount);
+    for (size_t k = 0; k < grid.keyCount; ++k)
+      for (size_t i = 0; i < count; ++i)
+        placed_[k * count + i] = v.placed(v.positions + k * keyStride + 3 * i);
+    positions = &placed_[0].x, keyStride = 3 * count;
+  }
   const bool blurred = view.samples.blurred() && (grid.keyCount > 1 || scene_.space.blursAll());
   if (blurred)
-    projectBlurred(scene_.space, v.positions, grid.keyCount, grid.keyBytes / sizeof(float), columns, rows,
-                   rowStride, entry.blurred);
+    projectBlurred(scene_.space, positions, grid.keyCount, keyStride, columns, rows, rowStride,
+                   entry.blurred);
   else
-    projectGrid(scene_.space.open(), v.positions, columns, rows, rowStride, rect, entry.projected);
+    projectGrid(scene_.space.open(), positions, columns, rows, rowStride, rect, entry.projected);
   const RasterBounds& b = blurred ? entry.blurred.bounds : entry.projected.bounds;
   if (b.outside || !b.overlaps(rect)) {
     ++statistics_.gridsCulledTile;
@@ -270,7 +281,7 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
     };
     drawTriangles(triangles);
     if (g.projected.anyClipped)
-      drawClipped(scene_.space.open(), v.positions, columns, rowStride, rect, g.projected, triangles,
+      drawClipped(scene_.space.open(), positions, columns, rowStride, rect, g.projected, triangles,
                   drawTriangles);
   };
   draw(slot, g.traits.cullSign);

@@ -70,6 +70,7 @@ class TileHider {
   std::vector<cache::NodeId> stack_;
   TileSolids solids_;
   double resolving_ = 0;
+  std::vector<Vec3> placed_;  // vertices of a grid that is not in cache space
   HiderStatistics statistics_;
 };
 

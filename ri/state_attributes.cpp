@@ -168,11 +168,12 @@ void StateRenderer::geometricApproximation(std::string type, double value) {
   if (!attributeAllowed("GeometricApproximation")) return;
   AttributeState& a = state_.editAttributes();
   if (type == "flatness") {
+    if (!(value > 0))
+      return reportHere(RiError::kRange, Severity::kError,
+                        fmt::format("GeometricApproximation \"flatness\" {}; ignored", value));
     a.flatness = float(value);
-  } else if (type == "motionfactor") {
-    a.motionFactor = float(value);
-  } else if (type == "focusfactor") {
-    a.focusFactor = float(value);
+  } else if (type == "motionfactor" || type == "focusfactor") {
+    // They allow what is blurred to be coarser; nothing is made coarser.
   } else {
     reportOnceHere(RiError::kBadToken, Severity::kWarning,
                    fmt::format("GeometricApproximation \"{}\" is not known", type));

@@ -26,7 +26,8 @@ DiceRate Adding::rate(PrimitiveType type) const {
   if (!camera.matrices.empty())
     cacheToCamera = interpolateMotion(camera.times, camera.matrices, writer.camera().shutter[0]);
   cacheToCamera[3] = cacheToCamera * DVec4(writer.cacheOrigin(), 1.0);
-  return diceRate(diceEye(writer.camera(), cacheToCamera), writer.attributes(desc.attributes), type);
+  return diceRate(diceEye(writer.camera(), cacheToCamera), writer.attributes(desc.attributes), type,
+                  desc.fixedRate);
 }
 
 Error Adding::error(RiError code, std::string message) const {
@@ -51,6 +52,7 @@ ObjectRecord Adding::object(PrimitiveType type, const ri::ParamList& params) {
   o.solidPlus1 = desc.solid + 1;  // kNone: 0
   o.locationFile = desc.locationFile;
   o.locationLine = desc.locationLine;
+  o.fixedRate = desc.fixedRate;
   std::vector<ParamRecord> records;
   for (const ri::Param& p : params) {
     if (p.name == "P" || p.name == "Pw" || p.name == "Pz") continue;

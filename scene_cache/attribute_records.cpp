@@ -182,6 +182,7 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
   if (!(r.shadingRate > 0) || !std::isfinite(r.shadingRate)) r.shadingRate = 1;
   r.patchMultiplier = finiteOr(v.getFloat("render:patch_multiplier", -1), -1);
   r.bias = finiteOr(v.getFloat("trace:bias", -1), -1);
+  r.flatness = std::max(0.0f, finiteOr(a.flatness, 0));
   r.sides = a.sides == 1 ? 1 : 2;
   if (a.matte) r.flags |= kMatte;
   if (a.smoothShading) r.flags |= kSmoothShading;

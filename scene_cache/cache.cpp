@@ -122,7 +122,13 @@ Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd) {
       return makeError(RiError::kNoMem, "no memory for the {} patches of the scene", roots.size());
     }
     PatchNode* n = reinterpret_cast<PatchNode*>(d.nodes.base() + kStoreHeaderBytes);
-    for (size_t i = 0; i < roots.size(); ++i) n[i].root = uint32_t(i), n[i].bound = roots[i].bound;
+    const auto objects = c->skeleton_.objects();
+    for (size_t i = 0; i < roots.size(); ++i) {
+      n[i].root = uint32_t(i), n[i].bound = roots[i].bound;
+      const ObjectRecord& o = objects[roots[i].object];
+      if (o.prototype != kNone)
+        n[i].prototype = 1 + objects[o.prototype].firstPatch + (uint32_t(i) - o.firstPatch);
+    }
   }
   if (auto r = d.takeOwnerSlot(); !r) return std::move(r).error();
   d.deriveFrom(c->skeleton_);
@@ -238,6 +244,7 @@ const GridRecord* SceneCache::Impl::grid(uint64_t offset, NodeId nodeId) const {
   const uint64_t keyBytes = span * 12;
   if (g->keyCount > 1 && (g->keyBytes < keyBytes || g->keyBytes > (uint64_t(1) << 20))) return nullptr;
   if (!arena.at(g->positions, (g->keyCount - 1u) * g->keyBytes + keyBytes + 64)) return nullptr;
+  if (g->placement && (g->placement % 4 != 0 || !arena.at(g->placement, 12 * sizeof(float)))) return nullptr;
   if (g->normals && (g->normals % 4 != 0 || !arena.at(g->normals, vertices * 12))) return nullptr;
   return g;
 }
@@ -247,6 +254,7 @@ GridView SceneCache::view(const GridRecord& g) const {
   GridView v;
   v.record = &g;
   v.positions = reinterpret_cast<const float*>(base + g.positions);
+  if (g.placement) v.placement = reinterpret_cast<const float*>(base + g.placement);
   if (g.normals) v.normals = reinterpret_cast<const float*>(base + g.normals);
   if (g.kind == GridKind::kMeshlet) v.indices = reinterpret_cast<const uint8_t*>(base + g.indices);
   return v;
@@ -288,6 +296,11 @@ ResolvedNode SceneCache::resolve(NodeId id) {
     if (state == NodeState::kGrid || state == NodeState::kSplit) return peek(id);
     // Whoever holds a claim must not wait for another one, nor nest: two could wait for each other.
     if (d.readOnly || claimsHeld > 0) return {};
+    if (const uint32_t prototype = n->prototype; prototype != 0 && !d.prototypeReady(prototype - 1)) {
+      // Before the claim: nobody waits while holding one. A prototype has no prototype.
+      const PatchNode* shared = prototype - 1 < d.nodeCount() ? d.node(prototype - 1) : nullptr;
+      if (!shared || shared->prototype != 0 || resolve(prototype - 1).state == NodeState::kEmpty) return {};
+    }
     if (state == NodeState::kBuilding) {
       if (++spins < kSpins) {
         __builtin_ia32_pause();
@@ -327,6 +340,7 @@ CacheStatistics SceneCache::statistics() const {
   s.gridsDiced = d.gridsDiced.load(std::memory_order_relaxed);
   s.micropolygonsDiced = d.micropolygonsDiced.load(std::memory_order_relaxed);
   s.nodesSplit = d.nodesSplit.load(std::memory_order_relaxed);
+  s.gridsShared = d.gridsShared.load(std::memory_order_relaxed);
   s.claimsTakenOver = d.claimsTakenOver.load(std::memory_order_relaxed);
   s.dicingSeconds = double(d.diceNanoseconds.load(std::memory_order_relaxed)) * 1e-9;
   s.arenaBytes = d.arena.header().top.load(std::memory_order_relaxed);

@@ -62,6 +62,8 @@ class Skeleton {
   DMat4 toCache(TransformId transform, float time) const;
   DMat4 worldToCamera(float time) const;
   DMat4 cacheToCamera(float time) const;
+  /// The space of the prototype's vertices -> cache space, of an object that has a prototype.
+  DMat4 placement(const ObjectRecord& object) const;
 
  private:
   std::span<const std::byte> bytes_;
@@ -101,9 +103,20 @@ struct ResolvedNode {
 /// Pointers into a checked grid.
 struct GridView {
   const GridRecord* record = nullptr;
-  const float* positions = nullptr;  // key 0, xyz interleaved, row stride record->rowStride * 3 floats
+  const float* positions = nullptr;  // key 0, xyz interleaved, row stride record->rowStride * 3 floats; see
+                                     // placement
   const float* normals = nullptr;    // xyz interleaved, dense; nullptr: evaluate them
   const uint8_t* indices = nullptr;  // meshlet triangles
+  /// Takes the positions to cache space, three rows of four; nullptr: they are there.
+  const float* placement = nullptr;
+  Vec3 placed(const float* p) const {
+    if (!placement) return {p[0], p[1], p[2]};
+    const float* m = placement;
+    return {m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3], m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7],
+            m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]};
+  }
+  /// Vertex `index` of key 0 in cache space; rows are record->rowStride vertices apart.
+  Vec3 vertex(size_t index) const { return placed(positions + 3 * index); }
   /// Points that are shaded.
   size_t vertexCount() const {
     if (record->flags & kGridSprites) return record->nu / record->rowStride;
@@ -113,6 +126,7 @@ struct GridView {
 
 struct CacheStatistics {  // totals of this process since it opened the cache
   uint64_t gridsDiced = 0, micropolygonsDiced = 0, nodesSplit = 0, claimsTakenOver = 0;
+  uint64_t gridsShared = 0;                                   // that show a prototype's
   uint64_t arenaBytes = 0, nodeBytes = 0, skeletonBytes = 0;  // of the shared segments
   double dicingSeconds = 0;
 };

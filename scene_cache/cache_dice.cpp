@@ -75,6 +75,7 @@ uint64_t SceneCache::Impl::make(const Skeleton& skeleton, NodeId nodeId, Displac
   const auto roots = skeleton.rootPatches();
   if (!n || n->root >= roots.size()) return 0;
   const ObjectRecord& object = skeleton.objects()[roots[n->root].object];
+  if (n->prototype != 0) return makePlaced(skeleton, nodeId, object);
   if (isThin(object)) return makeThin(skeleton, nodeId, object, displacer);
   return object.type == PrimitiveType::kMeshlets ? makeMeshlet(skeleton, nodeId, object, displacer)
                                                  : makeGrid(skeleton, nodeId, object, displacer);
@@ -177,7 +178,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const NodeRect& rect = path.back();
   const float* shutter = skeleton.camera().shutter;
   const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
-  DiceRate rate = diceRate(eye, attributes, object.type);
+  DiceRate rate = diceRate(eye, attributes, object.type, object.fixedRate);
   if (isPolygon(object)) {
     const auto* source = sourceRecord<PolygonSource>(skeleton, object);
     if (source && source->undicedEdge >= 1 && source->undicedEdge <= kMostUndicedEdge)

@@ -239,6 +239,7 @@ void SceneCache::evaluateDiced(NodeId id, size_t n, const uint32_t* cell, const 
         du *= float(scaleU) * sx, dv *= float(scaleV) * sy;
       }
     }
+    if (grid.placement) P = grid.placed(&P.x);
     for (int c = 0; c < 3; ++c) {
       if (out.P[c]) out.P[c][i] = P[c];
       if (!displaced) continue;

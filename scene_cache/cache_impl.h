@@ -61,7 +61,7 @@ struct SceneCache::Impl {
   std::unique_ptr<SubdivisionStore> subdivisions;
 
   std::atomic<uint64_t> gridsDiced{0}, micropolygonsDiced{0}, nodesSplit{0}, claimsTakenOver{0},
-      diceNanoseconds{0};
+      gridsShared{0}, diceNanoseconds{0};
 
   Result<void> mapSkeleton(int fd, Skeleton* out);
   Result<void> takeOwnerSlot();
@@ -77,6 +77,9 @@ struct SceneCache::Impl {
 
   // ---- making (cache_dice.cpp): the word to publish, 0 when it could not be made
   uint64_t make(const Skeleton& skeleton, NodeId id, Displacer* displacer);
+  /// Of an instance: what the prototype's node is, which has been resolved.
+  uint64_t makePlaced(const Skeleton& skeleton, NodeId id, const ObjectRecord& object);
+  bool prototypeReady(NodeId prototype) const;
   uint64_t makeMeshlet(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   uint64_t makeThin(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   uint64_t makeGrid(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
@@ -90,6 +93,9 @@ struct SceneCache::Impl {
   void displace(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer& displacer,
                 GridRecord& record, const uint32_t* cell, const float* u, const float* v);
 };
+
+/// A box of object space, transformed.
+Box3f placedBound(const DMat4& placement, const Box3f& box);
 
 /// Sign to apply to dPdu x dPdv in cache space.
 inline float normalSign(const AttributeRecord& a) {

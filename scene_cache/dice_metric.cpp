@@ -60,6 +60,13 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   if (type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets)
     r.undicedEdge = kUndicedEdge;
   if (type <= PrimitiveType::kTorus) r.leastLog2 = 2;
+  if (a.flatness > 0) r.flatness = float(double(a.flatness) * eye.pixel * double(r.scale));
+  return r;
+}
+
+DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType type, float fixedRate) {
+  DiceRate r = diceRate(eye, a, type);
+  if (fixedRate > 0) r.perspective = false, r.scale = fixedRate;
   return r;
 }
 
@@ -105,7 +112,18 @@ float DiceRate::curve(const float* x, const float* y, const float* z, size_t str
     largest = std::max(largest, segment(last, p));
     last = p;
   }
-  return largest * float(kMetricSteps);
+  const float length = largest * float(kMetricSteps);
+  if (!(flatness > 0)) return length;
+  // n chords of equal parameters err by |P''| / 8 n^2, and the second difference of samples at 1/8 is |P''|
+  // / 64.
+  float bend = 0;
+  for (int i = 1; i < kMetricSteps; ++i) {
+    const size_t k = size_t(i) * stride, a = k - stride, b = k + stride;
+    const Vec3 p(x[k], y[k], z[k]);
+    const Vec3 second = (Vec3(x[a], y[a], z[a]) + Vec3(x[b], y[b], z[b])) - 2.0f * p;
+    bend = std::max(bend, segment(p, p + second));
+  }
+  return std::max(length, std::sqrt(8 * bend / flatness));
 }
 
 int DiceRate::log2Segments(float metric) const {

@@ -38,13 +38,14 @@ struct DiceRate {
   Vec3 axis{0, 0, 1};     // of the camera's cone
   float cone = 3.2f;      // its half angle
   float undicedEdge = 1;  // an edge up to this many micropolygons stays whole
+  float flatness = 0;     // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
 
   /// Length of a straight piece in micropolygons; symmetric in a and b bit by bit.
   float segment(Vec3 a, Vec3 b) const;
-  /// Metric of a curve from its kMetricSteps + 1 points: the largest piece times the number of pieces.
-  /// Symmetric.
+  /// Metric of a curve from its kMetricSteps + 1 points: the largest piece times the number of pieces, or the
+  /// number of chords that flatness asks for. Symmetric.
   float curve(const float* x, const float* y, const float* z, size_t stride = 1) const;
   /// Factor of the metric: 1 where the segment comes into the camera's cone, less outside. a and b relative
   /// to the eye.
@@ -53,5 +54,7 @@ struct DiceRate {
   int log2Segments(float metric) const;
 };
 DiceRate diceRate(const DiceEye& eye, const AttributeRecord& attributes, PrimitiveType type);
+/// The same for `object`, whose rate may be fixed.
+DiceRate diceRate(const DiceEye& eye, const AttributeRecord& attributes, PrimitiveType type, float fixedRate);
 
 }  // namespace fr::cache

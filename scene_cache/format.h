@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 3;
+inline constexpr uint32_t kFormatVersion = 4;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -161,7 +161,7 @@ struct AttributeRecord {
   float bias;          // Attribute "trace" "bias"; < 0: not set
   uint32_t groups;     // StringId of grouping:membership
   uint32_t areaLight;  // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
-  uint32_t pad2;
+  float flatness;  // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
 };
 
 enum class PrimitiveType : uint8_t {
@@ -192,7 +192,10 @@ struct SolidRecord {
   uint32_t pad;
 };
 
-/// One primitive of the scene.
+/// One primitive of the scene. A *prototype* is made once for many instances: its transform leads to object
+/// space (whose origin stands at the cache's), it is seen by nobody (sides 0), and its grids are diced at a
+/// fixed rate. The others are what the prototype is, with a transform and attributes of their own: their
+/// patches show the grids of the prototype's, transformed.
 struct ObjectRecord {
   PrimitiveType type;
   uint8_t sides;      // kForReyes | kForTracer
@@ -208,8 +211,11 @@ struct ObjectRecord {
   Range source;           // type-specific bytes of the primitive (scene_cache/primitive_source.h)
   uint32_t locationFile;  // StringId: where the primitive stands in the RIB
   uint32_t locationLine;
-  uint32_t solidPlus1;  // 1 + SolidId of the leaf that it bounds, 0: an ordinary surface
-  uint32_t pad;
+  uint32_t solidPlus1;         // 1 + SolidId of the leaf that it bounds, 0: an ordinary surface
+  ObjectId prototype = kNone;  // kNone: this object has grids of its own
+  uint32_t instance = kNone;   // objects that one ObjectInstance made of prototypes share it
+  float fixedRate =
+      0;  // micropolygons per unit of length of a prototype's grids; 0: by distance from the eye
 };
 /// Leaf of a tree of solids that an object bounds a part of, or kNone.
 inline SolidId solidOf(const ObjectRecord& o) { return o.solidPlus1 - 1; }
@@ -249,13 +255,14 @@ struct alignas(64) PatchNode {
       edgeRootDepth[4];  // depth of the dyadic interval that each border (v0, u1, v1, u0) was created with
   uint16_t pad;
   Box3f bound;  // cache space, displacement included (by its declared bound; GridRecord::bound is measured)
-  uint32_t pad2[2];
+  uint32_t prototype;  // 1 + the node of a prototype whose grids this node shows, transformed; 0: none
+  uint32_t pad2;
 };
 static_assert(sizeof(PatchNode) == 64);
 
 enum class GridKind : uint8_t { kGrid = 0, kMeshlet = 1 };
 
-/// A diced patch. Vertices are cache-space floats.
+/// A diced patch. Vertices are cache-space floats, unless `placement` says how they get there.
 /// kGrid: (nu + 1) x (nv + 1) vertices, rows `rowStride` vertices apart (padded so that strides 2..16 stay
 /// inside). kMeshlet: nu vertices, nv triangles, 3 uint8 indices each.
 struct alignas(64) GridRecord {
@@ -278,6 +285,8 @@ struct alignas(64) GridRecord {
       edgeShift[4];  // kGrid: along borders v0, u1, v1, u0 only every 2^edgeShift-th vertex of the border's
                      // line is kept, the others collapse onto the next lower one (neighbours then agree)
   uint32_t pad;
+  uint64_t placement;  // arena offset of float[12], three rows of four: the vertices are another grid's, in
+                       // its object space, and this takes them to cache space. 0: none
 };
 inline constexpr uint8_t kGridHasNormals = 1;
 inline constexpr uint8_t kGridTrimmed = 2;  // parts are cut away: ask SceneCache::trimOf()

@@ -40,12 +40,13 @@ uint64_t compute() {
   FR_AT(AttributeRecord, exterior), FR_AT(AttributeRecord, lights), FR_AT(AttributeRecord, name);
   FR_AT(AttributeRecord, attributes), FR_AT(AttributeRecord, textureCoordinates),
       FR_AT(AttributeRecord, bias);
-  FR_AT(AttributeRecord, groups), FR_AT(AttributeRecord, areaLight);
+  FR_AT(AttributeRecord, groups), FR_AT(AttributeRecord, areaLight), FR_AT(AttributeRecord, flatness);
   FR_SIZE(ObjectRecord), FR_AT(ObjectRecord, type), FR_AT(ObjectRecord, sides), FR_AT(ObjectRecord, keyCount);
   FR_AT(ObjectRecord, attributes), FR_AT(ObjectRecord, transform), FR_AT(ObjectRecord, surfaceGroup);
   FR_AT(ObjectRecord, primvars), FR_AT(ObjectRecord, firstPatch), FR_AT(ObjectRecord, patchCount);
   FR_AT(ObjectRecord, bound), FR_AT(ObjectRecord, source), FR_AT(ObjectRecord, locationFile);
-  FR_AT(ObjectRecord, locationLine), FR_AT(ObjectRecord, solidPlus1);
+  FR_AT(ObjectRecord, locationLine), FR_AT(ObjectRecord, prototype), FR_AT(ObjectRecord, instance);
+  FR_AT(ObjectRecord, fixedRate), FR_AT(ObjectRecord, solidPlus1);
   FR_SIZE(SolidRecord), FR_AT(SolidRecord, operation), FR_AT(SolidRecord, parent);
   FR_AT(SolidRecord, isFirst);
   FR_SIZE(EdgeRecord), FR_AT(EdgeRecord, owner), FR_AT(EdgeRecord, ownerEdge), FR_AT(EdgeRecord, reversed);
@@ -54,11 +55,13 @@ uint64_t compute() {
   FR_SIZE(PatchNode), FR_AT(PatchNode, state), FR_AT(PatchNode, root), FR_AT(PatchNode, iu),
       FR_AT(PatchNode, iv);
   FR_AT(PatchNode, du), FR_AT(PatchNode, dv), FR_AT(PatchNode, edgeRootDepth), FR_AT(PatchNode, bound);
+  FR_AT(PatchNode, prototype);
   FR_SIZE(GridRecord), FR_AT(GridRecord, node), FR_AT(GridRecord, kind), FR_AT(GridRecord, keyCount);
   FR_AT(GridRecord, levels), FR_AT(GridRecord, flags), FR_AT(GridRecord, nu), FR_AT(GridRecord, nv);
   FR_AT(GridRecord, rowStride), FR_AT(GridRecord, positions), FR_AT(GridRecord, keyBytes);
   FR_AT(GridRecord, normals), FR_AT(GridRecord, indices), FR_AT(GridRecord, deviation);
-  FR_AT(GridRecord, cellSize), FR_AT(GridRecord, bound), FR_AT(GridRecord, edgeShift);
+  FR_AT(GridRecord, cellSize), FR_AT(GridRecord, bound), FR_AT(GridRecord, edgeShift),
+      FR_AT(GridRecord, placement);
   FR_SIZE(CameraRecord), FR_AT(CameraRecord, worldToCamera), FR_AT(CameraRecord, projection);
   FR_AT(CameraRecord, fov), FR_AT(CameraRecord, screenWindow), FR_AT(CameraRecord, resolution);
   FR_AT(CameraRecord, pixelAspect), FR_AT(CameraRecord, frameAspect), FR_AT(CameraRecord, cropWindow);

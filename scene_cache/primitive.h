@@ -33,6 +33,7 @@ struct PrimitiveDesc {
   AttributeId attributes = 0;
   uint8_t sides = kForReyes | kForTracer;  ///< which renderer sees it
   SolidId solid = kNone;                   ///< leaf that it bounds, kNone: an ordinary surface
+  float fixedRate = 0;                     ///< of a prototype (ObjectRecord::fixedRate)
   uint32_t surfaceGroup = 0;               ///< SkeletonWriter::surfaceGroup(attributes, transform, solid)
   StringId locationFile = 0;
   uint32_t locationLine = 0;

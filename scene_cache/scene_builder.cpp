@@ -28,15 +28,11 @@ SceneBuilder::SceneBuilder(const LoadOptions& options, WorldSource* source, Path
 SceneBuilder::~SceneBuilder() = default;
 
 namespace {
+
 bool isThin(const ri::Primitive& p) {
   return std::holds_alternative<ri::Points>(p) || std::holds_alternative<ri::Curves>(p);
 }
-bool hasSolids(const ri::RetainedObject& object) {
-  return std::any_of(object.shapes.begin(), object.shapes.end(), [](const ri::RetainedObject::Shape& s) {
-    const auto* nested = std::get_if<std::shared_ptr<const ri::RetainedObject>>(&s.what);
-    return std::holds_alternative<ri::RetainedObject::SolidStart>(s.what) || (nested && hasSolids(**nested));
-  });
-}
+
 }  // namespace
 
 void SceneBuilder::notImplemented(std::string_view request, std::string_view consequence,
@@ -123,13 +119,28 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
     return;
   }
 
+  const ObjectId firstObject = w.writer.nextObject();
+  if (!add(p, 0)) return;
+  ++w.counts.primitives;
+  if (!w.writer.ok() || w.writer.nextObject() == firstObject) return;
+  if (p.attributes->areaLight >= 0)
+    if (const ShaderId light = w.records.light(p.attributes->areaLight); light != kNone) {
+      ShaderRecord& record = w.writer.shader(light);
+      if (record.areaLightObject == kNone) record.areaLightObject = firstObject;
+    }
+}
+
+bool SceneBuilder::add(const ri::PlacedPrimitive& p, float fixedRate) {
+  World& w = *world_;
+  const ri::MovingPrimitive& source = *p.source;
+  const ri::Primitive& primitive = source.samples.front();
   for (const DMat4& m : p.objectToWorld->matrices)
     for (int c = 0; c < 4; ++c)
       if (!std::isfinite(m[c].x + m[c].y + m[c].z + m[c].w)) {
         report({RiError::kMath, Severity::kError, source.location,
                 fmt::format("{}: its transformation is not finite; left out", ri::primitiveName(primitive))});
         ++w.counts.dropped;
-        return;
+        return false;
       }
 
   PrimitiveDesc d;
@@ -156,7 +167,8 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   }
   d.attributes =
       w.records.attributes(p.attributes, p.objectToWorld, d.solid != kNone && w.solids.isSubtracted(d.solid));
-  d.sides = sides_;
+  d.sides = fixedRate > 0 ? 0 : sides_;
+  d.fixedRate = fixedRate;
   d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform, d.solid);
   d.locationFile = w.writer.intern(source.location.file);
   d.locationLine = uint32_t(std::max(source.location.line, 0));
@@ -166,25 +178,17 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   const NodeId firstPatch = w.writer.nextRootPatch();
   const uint32_t firstEdge = w.writer.nextEdge();
   auto added = addPrimitive(w.writer, d);
-  if (!added) {
-    w.writer.rollBack(firstObject, firstPatch, firstEdge);
-    ++w.counts.dropped;
-    Error e = std::move(added).error();
-    if (e.code == RiError::kUnimplemented) {
-      notImplemented(ri::primitiveName(primitive), "left out", source.location);
-    } else {
-      if (e.where.file.empty()) e.where = source.location;
-      report(std::move(e).context(ri::primitiveName(primitive)));
-    }
-    return;
+  if (added) return true;
+  w.writer.rollBack(firstObject, firstPatch, firstEdge);
+  ++w.counts.dropped;
+  Error e = std::move(added).error();
+  if (e.code == RiError::kUnimplemented) {
+    notImplemented(ri::primitiveName(primitive), "left out", source.location);
+  } else {
+    if (e.where.file.empty()) e.where = source.location;
+    report(std::move(e).context(ri::primitiveName(primitive)));
   }
-  ++w.counts.primitives;
-  if (!w.writer.ok() || w.writer.nextObject() == firstObject) return;
-  if (p.attributes->areaLight >= 0)
-    if (const ShaderId light = w.records.light(p.attributes->areaLight); light != kNone) {
-      ShaderRecord& record = w.writer.shader(light);
-      if (record.areaLightObject == kNone) record.areaLightObject = firstObject;
-    }
+  return false;
 }
 
 void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
@@ -204,15 +208,6 @@ void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
     source->location = p.source->location;
     onPrimitive({source, p.attributes, p.objectToWorld});
   }
-}
-
-void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
-                              const ri::TransformPtr& objectToWorld) {
-  if (!adding()) return;
-  ++world_->counts.instances;
-  std::optional<SolidBlocks::Whole> whole;
-  if (!hasSolids(object)) whole.emplace(world_->solids);
-  StateRenderer::onInstance(object, attributes, objectToWorld);
 }
 
 void SceneBuilder::onSolidBegin(const std::string& operation) {

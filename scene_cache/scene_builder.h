@@ -102,6 +102,17 @@ class SceneBuilder : public ri::StateRenderer {
   void expand(const Waiting& p, double detail, bool collect);
   Result<void> expandNow(const Waiting& p, double detail, bool collect);
   Result<void> askProgram(const Waiting& p, ProceduralPrograms::Question question, bool collect);
+  /// Adds objects; false when that failed, which was reported. `fixedRate` > 0: a prototype.
+  bool add(const ri::PlacedPrimitive& p, float fixedRate);
+  struct Retained;
+  bool canShare(const ri::RetainedObject& object, const ri::AttributeState& attributes,
+                const ri::Transform& objectToWorld) const;
+  /// Micropolygons per unit of object space for the prototypes that an instance shows; 0: it has grids of its
+  /// own.
+  float sharedRate(const Retained& known, const AttributeRecord& attributes,
+                   const DMat4& objectToCache) const;
+  void addInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
+                   const ri::Transform& objectToWorld, Retained* known, float rate);
   void deliver();
   void teapot(const ri::PlacedPrimitive& p);
   void notImplemented(std::string_view request, std::string_view consequence, const SourceLocation& where);

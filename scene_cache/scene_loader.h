@@ -78,6 +78,7 @@ struct FrameCounts {
   uint64_t dropped = 0;     ///< requests that could not (reported)
   uint64_t lights = 0;
   uint64_t instances = 0;            ///< ObjectInstance requests
+  uint64_t sharedInstances = 0;      ///< that show the grids of prototypes
   uint64_t procedurals = 0;          ///< that were expanded
   uint64_t proceduralsUnopened = 0;  ///< that nobody can see
   uint64_t outOfBound = 0;           ///< primitives that nobody can see, by their Bound

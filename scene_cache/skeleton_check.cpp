@@ -193,7 +193,8 @@ class Checker {
         return void(fail("attribute state {}: casts_shadows {}", i, int(a.castsShadows)));
       if (a.sides != 1 && a.sides != 2) return void(fail("attribute state {}: {} sides", i, a.sides));
       if (!(a.shadingRate > 0) || !finite(a.shadingRate) || !finite(a.patchMultiplier) || !finite(a.bias) ||
-          !(a.displacementBound >= 0) || !finite(a.displacementBound))
+          !(a.displacementBound >= 0) || !finite(a.displacementBound) || !(a.flatness >= 0) ||
+          !finite(a.flatness))
         return void(fail("attribute state {}: a rate or bound is out of range", i));
     }
   }
@@ -225,11 +226,20 @@ class Checker {
             id(o.transform, h_.transforms, false, "object", i, "transform") &&
             slice(o.primvars, h_.params, "object", i, "primitive variables") &&
             slice({o.firstPatch, o.patchCount}, h_.rootPatches, "object", i, "patches") &&
-            id(o.locationFile, h_.strings, false, "object", i, "file")))
+            id(o.locationFile, h_.strings, false, "object", i, "file") &&
+            id(o.prototype, h_.objects, true, "object", i, "prototype")))
         return;
       if (o.solidPlus1 != 0 && (!id(solidOf(o), h_.solids, false, "object", i, "solid") ||
                                 solids[solidOf(o)].operation != SolidOperation::kPrimitive))
         return void(fail("object {}: solid {} is no leaf", i, solidOf(o)));
+      if (!(o.fixedRate >= 0) || !finite(o.fixedRate))
+        return void(fail("object {}: a fixed rate of {}", i, o.fixedRate));
+      if (o.prototype != kNone) {
+        const ObjectRecord& p = all[o.prototype];
+        if (p.prototype != kNone || p.fixedRate == 0 || o.fixedRate != 0 || p.type != o.type ||
+            p.patchCount != o.patchCount || p.keyCount != o.keyCount)
+          return void(fail("object {}: object {} cannot be its prototype", i, o.prototype));
+      }
       // 16: the alignment that primitive sources are written with.
       if (!inside<std::byte>(o.source) || (o.source.count != 0 && o.source.offset % 16 != 0))
         return void(fail("object {}: its source ({} bytes at byte {}) does not lie inside the {} bytes", i,

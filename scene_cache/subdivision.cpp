@@ -156,6 +156,7 @@ FacePlace facePlace(const SubdivisionTopology::Impl& t, const SubdivisionPatch& 
 }  // namespace
 
 Vec3 SubdivisionSurface::point(uint32_t patch, float u, float v) const {
+  if (base) return Vec3(transformPoint(placement, DVec3(base->point(patch, u, v))));
   Vec3 p(0);
   const SubdivisionPatch& s = patches[patch];
   if (s.face >= topology->impl->sizes.size()) return p;
@@ -167,6 +168,11 @@ Vec3 SubdivisionSurface::point(uint32_t patch, float u, float v) const {
 }
 
 Vec3 SubdivisionSurface::derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const {
+  if (base) {
+    const Vec3 p = base->derivatives(patch, u, v, du, dv);
+    du = Vec3(transformVector(placement, DVec3(du))), dv = Vec3(transformVector(placement, DVec3(dv)));
+    return Vec3(transformPoint(placement, DVec3(p)));
+  }
   Vec3 p(0), a(0), b(0);
   du = dv = p;
   const SubdivisionPatch& s = patches[patch];
@@ -235,11 +241,18 @@ const SubdivisionSurface* SubdivisionStore::surface(ObjectId object, float time)
     const auto it = impl_->surfaces.find(key);
     if (it != impl_->surfaces.end()) return it->second.get();
   }
+  const Skeleton& s = impl_->skeleton;
+  const ObjectRecord& o = s.objects()[object];
+  const SubdivisionSurface* base = o.prototype != kNone ? surface(o.prototype, time) : nullptr;
   std::unique_lock lock(impl_->mutex);
   auto& slot = impl_->surfaces[key];
   if (slot) return slot.get();
-  const Skeleton& s = impl_->skeleton;
-  const ObjectRecord& o = s.objects()[object];
+  if (base) {
+    slot = std::make_unique<SubdivisionSurface>();
+    slot->topology = base->topology, slot->patches = base->patches;
+    slot->base = base, slot->placement = s.placement(o);
+    return slot.get();
+  }
   const auto* source = sourceRecord<SubdivisionSource>(s, o);
   if (!source) return nullptr;
   const PositionKeys p = positionsAt(s, source->positions, time);
@@ -263,6 +276,7 @@ bool SubdivisionStore::evaluate(ObjectId object, uint32_t patch, const ParamReco
                                 std::span<const float> values, uint32_t width, size_t n, const float* u,
                                 const float* v, float* const* out) {
   const SubdivisionSurface* s = surface(object, impl_->skeleton.camera().shutter[0]);
+  if (s && s->base) s = s->base;
   if (!s || !s->hasPatch(patch)) return false;
   const SubdivisionPatch place = s->patches[patch];
   const SubdivisionTopology::Impl& t = *s->topology->impl;

@@ -39,8 +39,8 @@ class SubdivisionTopology {
   SubdivisionTopology();
 };
 
-/// A control mesh in cache space at one time. Thread-safe. Parameters are those of the root patch
-/// (SubdivisionPatch).
+/// A control mesh in cache space at one time, or another one, transformed (an instance of a prototype).
+/// Thread-safe. Parameters are those of the root patch (SubdivisionPatch).
 class SubdivisionSurface {
  public:
   Vec3 point(uint32_t patch, float u, float v) const;
@@ -51,6 +51,8 @@ class SubdivisionSurface {
   std::shared_ptr<const SubdivisionTopology> topology;
   std::vector<float> points;  // xyz of the control vertices
   std::span<const SubdivisionPatch> patches;
+  const SubdivisionSurface* base = nullptr;
+  DMat4 placement{1};  // of base
 };
 
 /// The process's control meshes, made when first needed. Thread-safe.

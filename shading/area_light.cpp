@@ -115,9 +115,7 @@ void AreaLight::addGrid(const GridRecord& grid, bool reversed) {
   const GridView view = scene_.view(grid);
   const Mat4 toCurrent(host_.cacheToCurrent());
   const Mat3 normalToCurrent(normalMatrix(host_.cacheToCurrent()));
-  const auto vertex = [&](size_t at) {
-    return Vec3(view.positions[3 * at], view.positions[3 * at + 1], view.positions[3 * at + 2]);
-  };
+  const auto vertex = [&](size_t at) { return view.vertex(at); };
   Patch patch{uint32_t(cells_.size()), uint32_t(rowEnds_.size()), 0, 0, 0};
   const auto add = [&](Vec3 a, Vec3 b, Vec3 c, Vec3 d) {
     Cell cell;

@@ -218,8 +218,9 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     const uint32_t row = meshlet ? kMaxRowPoints : grid.nu + 1u;
     for (uint32_t i = 0; i < n; ++i) {
       const size_t at = meshlet ? i : size_t(i / row) * grid.rowStride + i % row;
+      const Vec3 P = view.vertex(at);
       for (uint32_t c = 0; c < 3; ++c) {
-        column(kP + c)[i] = view.positions[3 * at + c];
+        column(kP + c)[i] = P[int(c)];
         if (view.normals) column(kN + c)[i] = view.normals[3 * size_t(i) + c];
       }
       seeds_[i] = hashStep(points.gridSeed, i);

@@ -303,8 +303,7 @@ int verify(const std::string& path, bool quiet) {
     if (fine && v.record->kind == GridKind::kGrid)
       for (uint32_t j = 0; j <= v.record->nv && fine; ++j)
         for (uint32_t i = 0; i <= v.record->nu && fine; ++i) {
-          const float* p = v.positions + 3 * (size_t(j) * v.record->rowStride + i);
-          fine = isFinite({p[0], p[1], p[2]});
+          fine = isFinite(v.vertex(size_t(j) * v.record->rowStride + i));
         }
     if (!fine) ++bad;
   });

@@ -65,11 +65,18 @@ struct HitFilter {
 
   bool accept(float t, const RTCHit& h) {
     Candidate c;
-    return describe(scene->entryOfPrimitive_, t, h, c) && isSeen(c) && exists(c) && take(c);
+    const RayScene::Instance* instance = nullptr;
+    if (h.instID[0] != RTC_INVALID_GEOMETRY_ID)
+      instance = &scene->instances_[h.instID[0] - scene->firstInstance_];
+    const RayScene::PrimitiveTable& table =
+        instance ? scene->prototypes_[instance->prototype].entryOfPrimitive : scene->entryOfPrimitive_;
+    return describe(table, t, h, c, instance) && isSeen(c) && exists(c) && take(c);
   }
 
-  /// False: a facet without area. `table`: of the Embree scene that the hit is of.
-  bool describe(const RayScene::PrimitiveTable& table, float t, const RTCHit& h, Candidate& c) const {
+  /// False: a facet without area, or of a grid that an instance lacks. `table`: of the Embree scene that the
+  /// hit is of.
+  bool describe(const RayScene::PrimitiveTable& table, float t, const RTCHit& h, Candidate& c,
+                const RayScene::Instance* instance = nullptr) const {
     uint32_t entryIndex = table[h.geomID][h.primID];
     float gridU = h.u, gridV = h.v;
     if (entryIndex & RayScene::kStitch) {
@@ -83,8 +90,12 @@ struct HitFilter {
       gridU = (e.inner[0] + h.u * float(e.inner[1] - e.inner[0])) / float(e.cellsU);
       gridV = (e.inner[2] + h.v * float(e.inner[3] - e.inner[2])) / float(e.cellsV);
     }
+    // What an instance shows lies in the prototype's grids as it does in the prototype.
+    if (instance) entryIndex += instance->shift;
     const SurfaceEntry& e = scene->entries_[entryIndex];
-    const Vec3 raw(h.Ng_x, h.Ng_y, h.Ng_z);
+    if (instance && e.node == cache::kNone) return false;
+    Vec3 raw(h.Ng_x, h.Ng_y, h.Ng_z);
+    if (instance) raw = instance->normals * raw;
     const float length = glm::length(raw);
     if (!(length > 0)) return false;
     c.distance = t;

@@ -95,6 +95,8 @@ RaySceneStatistics RayScene::statistics() const {
   };
   add(entryOfPrimitive_);
   for (const SolidTree& tree : solidTrees_) add(tree.entryOfPrimitive);
+  for (const Prototype& prototype : prototypes_) add(prototype.entryOfPrimitive);
+  s.recordBytes += instances_.size() * sizeof(Instance);
   for (const auto& b : embree_->descriptors) s.recordBytes += b.size() * sizeof(uint32_t);
   s.recordBytes += stitches_.size() * sizeof(StitchTriangle);
   return s;

@@ -113,6 +113,7 @@ enum class Obstacle { kNone, kFiltered, kOpaque };
 struct RaySceneStatistics {
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
   uint64_t solids = 0;
+  uint64_t prototypes = 0, instances = 0;     // grids of prototypes count once
   uint64_t stitchTriangles = 0;               // of grids whose borders no neighbour shows
   uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
   uint64_t peakBytes = 0;
@@ -167,14 +168,28 @@ class RayScene {
     uint32_t mask = 0;  // RayMask: what can hit some part of it
     PrimitiveTable entryOfPrimitive;
   };
+  /// Grids that many instances show: an Embree scene of its own, in object space.
+  struct Prototype {
+    PrimitiveTable entryOfPrimitive;
+  };
+  struct Instance {
+    uint32_t prototype;
+    uint32_t shift;  // from an entry of the prototype to that of the instance
+    Mat3 normals;    // takes products of two edges to cache space
+  };
   /// In entryOfPrimitive_: the rest is an index into stitches_.
   static constexpr uint32_t kStitch = 0x80000000u;
 
   std::unique_ptr<Embree> embree_;
-  std::vector<SurfaceEntry> entries_;  // in the order of (object, patch)
-  PrimitiveTable entryOfPrimitive_;    // by Embree geometry id, then primitive id
+  /// In the order of (object, patch); those of prototypes and then of instances behind all others. The node
+  /// of what an instance lacks is kNone.
+  std::vector<SurfaceEntry> entries_;
+  PrimitiveTable entryOfPrimitive_;  // by Embree geometry id, then primitive id
   cache::SolidForest solids_;
-  std::vector<SolidTree> solidTrees_;     // of solids_
+  std::vector<SolidTree> solidTrees_;  // of solids_
+  std::vector<Prototype> prototypes_;
+  std::vector<Instance> instances_;  // by Embree geometry id, from firstInstance_ on
+  uint32_t firstInstance_ = 0;
   std::vector<StitchTriangle> stitches_;  // StitchTriangle::grid is the entry
   std::vector<uint32_t> entryOfNode_;
   std::vector<uint32_t> groupOfObject_;

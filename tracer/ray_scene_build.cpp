@@ -35,7 +35,7 @@ constexpr uint32_t kSolidMask = 0x80;
 
 /// Grids of one class share an Embree geometry.
 struct ClassKey {
-  uint32_t tree;  // of solids, or kNone
+  uint32_t part;  // a tree of solids, or, behind all of these, a prototype; kNone: neither
   bool meshlet;
   uint32_t mask;
   uint32_t level;
@@ -52,6 +52,12 @@ struct Prepared {
   uint32_t startVertex;  // in units of the class's byte stride, from its window's start
   uint32_t rowStride;
   uint64_t indices;  // meshlets
+};
+
+/// Objects that one ObjectInstance made of prototypes.
+struct InstanceGroup {
+  std::vector<ObjectId> objects;
+  uint32_t prototype = 0;
 };
 
 float sane(float x, float otherwise) { return std::isfinite(x) && x >= 0 ? x : otherwise; }
@@ -94,12 +100,19 @@ class RaySceneBuilder {
  private:
   struct ObjectFacts {
     uint32_t mask = 0;
-    uint32_t tree = kNone;
+    uint32_t part = kNone;  // as ClassKey::part
     int level = 0;
     bool visible = false;
     bool oneSided = false;
     CastsShadows castsShadows = CastsShadows::kOpaque;
     bool opaqueCaster = false;
+  };
+
+  struct PrototypeParts {
+    std::vector<ObjectId> objects;
+    int level = 0;
+    uint32_t firstEntry = 0, endEntry = 0;
+    std::map<NodeId, uint32_t> entryOfNode;
   };
 
   ObjectFacts factsOf(ObjectId id) const {
@@ -126,37 +139,121 @@ class RaySceneBuilder {
 
   void prepareAll() {
     const auto objects = cache_.skeleton().objects();
-    std::vector<ObjectFacts> facts(objects.size());
-    std::vector<std::pair<ObjectId, NodeId>> roots;
+    std::vector<ObjectFacts>& facts = facts_;
+    facts.resize(objects.size());
     for (ObjectId i = 0; i < objects.size(); ++i) {
       facts[i] = factsOf(i);
       const SolidId leaf = solidOf(objects[i]);
       if (leaf == kNone) continue;
-      facts[i].tree = scene_->solids_.treeOf(leaf);
-      scene_->solidTrees_[facts[i].tree].mask |= facts[i].mask;
+      facts[i].part = scene_->solids_.treeOf(leaf);
+      scene_->solidTrees_[facts[i].part].mask |= facts[i].mask;
     }
+    std::vector<ObjectId> flat;
     for (ObjectId i = 0; i < objects.size(); ++i) {
       // What cannot be seen shapes the solid that it is a part of.
-      if (facts[i].tree != kNone)
-        facts[i].visible = (objects[i].sides & kForTracer) && scene_->solidTrees_[facts[i].tree].mask != 0;
+      if (facts[i].part != kNone)
+        facts[i].visible = (objects[i].sides & kForTracer) && scene_->solidTrees_[facts[i].part].mask != 0;
       if (!facts[i].visible) continue;
-      for (uint32_t p = 0; p < objects[i].patchCount; ++p) roots.emplace_back(i, objects[i].firstPatch + p);
+      if (objects[i].prototype == kNone) {
+        flat.push_back(i);
+      } else {
+        i = addGroup(i);
+      }
     }
-    // Root after root in the order of (object, patch), whoever resolves them.
+    prepareObjects(flat, nullptr, prepared_);
+    orient(prepared_, nullptr);
+    for (size_t i = 0; i < prototypes_.size(); ++i) {
+      ObjectFacts all;
+      all.mask = ~0u, all.level = prototypes_[i].level;
+      all.part = uint32_t(scene_->solidTrees_.size() + i);
+      prototypes_[i].firstEntry = uint32_t(prepared_.size());
+      prepareObjects(prototypes_[i].objects, &all, prepared_);
+      for (size_t k = prototypes_[i].firstEntry; k < prepared_.size(); ++k)
+        prototypes_[i].entryOfNode[prepared_[k].entry.node] = uint32_t(k);
+      prototypes_[i].endEntry = uint32_t(prepared_.size());
+    }
+    placed_.resize(groups_.size());
+    scene_->prototypes_.resize(prototypes_.size());
+    scene_->instances_.resize(groups_.size());
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, groups_.size(), 16),
+                      [&](const tbb::blocked_range<size_t>& r) {
+                        for (size_t i = r.begin(); i != r.end(); ++i) placeInstance(i);
+                      });
+  }
+
+  /// The objects of an instance stand one after the other; returns the last one.
+  ObjectId addGroup(ObjectId first) {
+    const auto objects = cache_.skeleton().objects();
+    std::pair<std::vector<ObjectId>, int> key{{}, facts_[first].level};
+    InstanceGroup group;
+    ObjectId i = first;
+    for (; i < objects.size() && objects[i].prototype != kNone &&
+           objects[i].instance == objects[first].instance &&
+           objects[i].attributes == objects[first].attributes && objects[i].sides == objects[first].sides;
+         ++i) {
+      facts_[i] = facts_[first];
+      group.objects.push_back(i);
+      key.first.push_back(objects[i].prototype);
+    }
+    const auto [at, fresh] = prototypeOf_.try_emplace(key, uint32_t(prototypes_.size()));
+    if (fresh) {
+      prototypes_.emplace_back();
+      prototypes_.back().objects = key.first, prototypes_.back().level = key.second;
+    }
+    group.prototype = at->second;
+    groups_.push_back(std::move(group));
+    return i - 1;
+  }
+
+  /// Appends the grids of these objects, root after root in the order given, whoever resolves them. `facts`
+  /// nullptr: each object's own.
+  void prepareObjects(const std::vector<ObjectId>& objects, const ObjectFacts* facts,
+                      std::vector<Prepared>& to) {
+    const auto records = cache_.skeleton().objects();
+    std::vector<std::pair<ObjectId, NodeId>> roots;
+    for (const ObjectId o : objects)
+      for (uint32_t p = 0; p < records[o].patchCount; ++p) roots.emplace_back(o, records[o].firstPatch + p);
     std::vector<std::vector<Prepared>> parts(roots.size());
     tbb::parallel_for(tbb::blocked_range<size_t>(0, roots.size(), 16),
                       [&](const tbb::blocked_range<size_t>& r) {
                         for (size_t i = r.begin(); i != r.end(); ++i)
-                          prepareNode(roots[i].second, roots[i].first, facts[roots[i].first], parts[i], 0);
+                          prepareNode(roots[i].second, roots[i].first,
+                                      facts ? *facts : facts_[roots[i].first], parts[i], 0);
                       });
-    size_t total = 0;
+    size_t total = to.size();
     for (const auto& p : parts) total += p.size();
-    prepared_.reserve(total);
+    to.reserve(total);
     for (auto& p : parts) {
-      prepared_.insert(prepared_.end(), p.begin(), p.end());
+      to.insert(to.end(), p.begin(), p.end());
       p = {};
     }
-    orient();
+  }
+
+  /// Entries of an instance, in the order of its prototype's; what is missing has no node.
+  void placeInstance(size_t index) {
+    const InstanceGroup& group = groups_[index];
+    const PrototypeParts& prototype = prototypes_[group.prototype];
+    const auto objects = cache_.skeleton().objects();
+    const DMat3 m(cache_.skeleton().placement(objects[group.objects[0]]));
+    RayScene::Instance& instance = scene_->instances_[index];
+    instance.prototype = group.prototype;
+    instance.normals = Mat3(DMat3(glm::cross(m[1], m[2]), glm::cross(m[2], m[0]), glm::cross(m[0], m[1])));
+    std::vector<Prepared> own;
+    for (const ObjectId o : group.objects)
+      for (uint32_t p = 0; p < objects[o].patchCount; ++p)
+        prepareNode(objects[o].firstPatch + p, o, facts_[o], own, 0);
+    orient(own, &instance.normals);
+    std::vector<SurfaceEntry>& entries = placed_[index];
+    entries.resize(prototype.endEntry - prototype.firstEntry);
+    for (SurfaceEntry& e : entries) e = {}, e.node = kNone;
+    for (const Prepared& p : own) {
+      const uint32_t shared = cache_.node(p.entry.node).prototype;
+      const auto at = prototype.entryOfNode.find(shared - 1);
+      if (shared == 0 || at == prototype.entryOfNode.end()) continue;
+      const SurfaceEntry& like = prepared_[at->second].entry;
+      if (p.entry.cellsU == like.cellsU && p.entry.cellsV == like.cellsV && p.entry.level == like.level)
+        entries[at->second - prototype.firstEntry] = p.entry;
+    }
   }
 
   void prepareNode(NodeId id, ObjectId object, const ObjectFacts& facts, std::vector<Prepared>& out,
@@ -241,7 +338,7 @@ class RaySceneBuilder {
     }
     const uint64_t window = g.positions / kWindow;
     const uint64_t step = uint64_t(12) << level;
-    p.key = {facts.tree, meshlet, facts.tree == kNone ? facts.mask : kSolidMask, uint32_t(level), g.keyCount,
+    p.key = {facts.part, meshlet, isSolid(facts.part) ? kSolidMask : facts.mask, uint32_t(level), g.keyCount,
              keyBytes,   window};
     p.startVertex = uint32_t((g.positions - window * kWindow) / step);
     p.rowStride = g.rowStride;
@@ -282,23 +379,27 @@ class RaySceneBuilder {
     return reinterpret_cast<const float*>(cache_.arena().data() + at);
   }
 
+  bool isSolid(uint32_t part) const { return part < scene_->solidTrees_.size(); }
+  bool isPrototype(uint32_t part) const { return part != kNone && !isSolid(part); }
+
   /// Which way dPdu x dPdv points in cache space against the oriented normal: one answer per object, voted
   /// for by its first grids (a pole or a fold may be undecided or wrong).
-  void orient() {
+  /// `normals`: of an instance, as RayScene::Instance.
+  void orient(std::vector<Prepared>& prepared, const Mat3* normals) const {
     size_t i = 0;
-    while (i < prepared_.size()) {
+    while (i < prepared.size()) {
       size_t end = i;
-      while (end < prepared_.size() && prepared_[end].entry.object == prepared_[i].entry.object) ++end;
+      while (end < prepared.size() && prepared[end].entry.object == prepared[i].entry.object) ++end;
       double votes = 0;
       const size_t step = std::max<size_t>(1, (end - i) / 5);
-      for (size_t j = i; j < end; j += step) votes += orientationVote(prepared_[j]);
+      for (size_t j = i; j < end; j += step) votes += orientationVote(prepared[j], normals);
       if (votes < 0)
-        for (size_t j = i; j < end; ++j) prepared_[j].entry.orientation = -1;
+        for (size_t j = i; j < end; ++j) prepared[j].entry.orientation = -1;
       i = end;
     }
   }
 
-  double orientationVote(const Prepared& p) const {
+  double orientationVote(const Prepared& p, const Mat3* normals) const {
     const SurfaceEntry& e = p.entry;
     Vec3 raw;
     uint32_t cell = 0;
@@ -321,6 +422,7 @@ class RaySceneBuilder {
       v = e.v0 + e.vScale * (float(cv) + 0.5f) / float(e.cellsV);
       if (e.strip) cell = e.firstTriangle + uint32_t(2 * (cv * e.cellsU + cu)), u = v = 0.5f;
     }
+    if (normals) raw = *normals * raw;
     const float length = glm::length(raw);
     if (!(length > 0) || !std::isfinite(length)) return 0;
     Vec3 ng(0);
@@ -383,18 +485,12 @@ class RaySceneBuilder {
     em.scene = newScene();
     em.solids.assign(s.solidTrees_.size(), nullptr);
     for (const Prepared& p : prepared_)
-      if (p.key.tree != kNone && !em.solids[p.key.tree])
-        em.solids[p.key.tree] = newScene(), ++s.statistics_.solids;
+      if (isSolid(p.key.part) && !em.solids[p.key.part])
+        em.solids[p.key.part] = newScene(), ++s.statistics_.solids;
+    for (size_t i = 0; i < prototypes_.size(); ++i) em.prototypes.push_back(newScene());
 
     std::map<ClassKey, std::vector<uint32_t>> classes;
-    NodeId lastNode = 0;
-    for (uint32_t i = 0; i < prepared_.size(); ++i) {
-      classes[prepared_[i].key].push_back(i);
-      lastNode = std::max(lastNode, prepared_[i].entry.node);
-    }
-    s.entryOfNode_.assign(prepared_.empty() ? 0 : size_t(lastNode) + 1, kNone);
-    for (uint32_t i = 0; i < prepared_.size(); ++i) s.entryOfNode_[prepared_[i].entry.node] = i;
-
+    for (uint32_t i = 0; i < prepared_.size(); ++i) classes[prepared_[i].key].push_back(i);
     const auto stitches = closeBorders();
     em.descriptors.reserve(classes.size() + stitches.size());
     for (const auto& [key, members] : classes) attach(key, members);
@@ -402,10 +498,13 @@ class RaySceneBuilder {
     s.statistics_.geometries = em.descriptors.size();
     for (RTCScene solid : em.solids)
       if (solid) rtcCommitScene(solid);
+    for (RTCScene prototype : em.prototypes) rtcCommitScene(prototype);
     if (s.statistics_.solids > 0) SolidRays::attach(s);
-    s.entries_.reserve(prepared_.size());
-    for (const Prepared& p : prepared_) s.entries_.push_back(p.entry);
-    prepared_ = {};
+    s.firstInstance_ = uint32_t(s.entryOfPrimitive_.size());
+    collectEntries();
+    for (size_t i = 0; i < groups_.size(); ++i) attachInstance(i);
+    s.statistics_.prototypes = prototypes_.size(), s.statistics_.instances = groups_.size();
+    prepared_ = {}, prototypes_ = {}, groups_ = {}, placed_ = {};
     rtcCommitScene(em.scene);
     if (em.error != RTC_ERROR_NONE)
       return makeError(em.error == RTC_ERROR_OUT_OF_MEMORY ? RiError::kNoMem : RiError::kSystem,
@@ -414,7 +513,57 @@ class RaySceneBuilder {
   }
 
   RayScene::PrimitiveTable& tableOf(const ClassKey& key) {
-    return key.tree == kNone ? scene_->entryOfPrimitive_ : scene_->solidTrees_[key.tree].entryOfPrimitive;
+    if (isSolid(key.part)) return scene_->solidTrees_[key.part].entryOfPrimitive;
+    if (!isPrototype(key.part)) return scene_->entryOfPrimitive_;
+    return scene_->prototypes_[key.part - scene_->solidTrees_.size()].entryOfPrimitive;
+  }
+  RTCScene sceneOf(const ClassKey& key) const {
+    const RayScene::Embree& em = *scene_->embree_;
+    if (isSolid(key.part)) return em.solids[key.part];
+    return isPrototype(key.part) ? em.prototypes[key.part - scene_->solidTrees_.size()] : em.scene;
+  }
+
+  /// All entries in one array, those of instances last.
+  void collectEntries() {
+    RayScene& s = *scene_;
+    size_t total = prepared_.size();
+    for (const auto& p : placed_) total += p.size();
+    s.entries_.reserve(total);
+    for (const Prepared& p : prepared_) s.entries_.push_back(p.entry);
+    for (size_t i = 0; i < groups_.size(); ++i) {
+      const PrototypeParts& prototype = prototypes_[groups_[i].prototype];
+      s.instances_[i].shift = uint32_t(s.entries_.size()) - prototype.firstEntry;
+      for (size_t k = 0; k < placed_[i].size(); ++k) {
+        // Where its primitives are was found out for the prototype.
+        const SurfaceEntry& like = prepared_[prototype.firstEntry + k].entry;
+        SurfaceEntry& e = placed_[i][k];
+        e.stitched = like.stitched, e.firstTriangle = like.firstTriangle;
+        s.entries_.push_back(e);
+      }
+    }
+    NodeId lastNode = 0;
+    for (const SurfaceEntry& e : s.entries_)
+      if (e.node != kNone) lastNode = std::max(lastNode, e.node);
+    s.entryOfNode_.assign(s.entries_.empty() ? 0 : size_t(lastNode) + 1, kNone);
+    for (uint32_t i = 0; i < s.entries_.size(); ++i)
+      if (s.entries_[i].node != kNone) s.entryOfNode_[s.entries_[i].node] = i;
+  }
+
+  void attachInstance(size_t index) {
+    RayScene::Embree& em = *scene_->embree_;
+    const InstanceGroup& group = groups_[index];
+    const DMat4 m = cache_.skeleton().placement(cache_.skeleton().objects()[group.objects[0]]);
+    float columns[12];
+    for (int c = 0; c < 4; ++c)
+      for (int r = 0; r < 3; ++r) columns[c * 3 + r] = float(m[c][r]);
+    RTCGeometry g = rtcNewGeometry(em.device, RTC_GEOMETRY_TYPE_INSTANCE);
+    rtcSetGeometryInstancedScene(g, em.prototypes[group.prototype]);
+    rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
+    rtcSetGeometryMask(g, facts_[group.objects[0]].mask);
+    rtcCommitGeometry(g);
+    const unsigned id = rtcAttachGeometry(em.scene, g);
+    FR_CHECK(id == scene_->firstInstance_ + index);
+    rtcReleaseGeometry(g);
   }
 
   void attach(const ClassKey& key, const std::vector<uint32_t>& members) {
@@ -475,7 +624,9 @@ class RaySceneBuilder {
       g.rowStride = p.rowStride;
       g.cellsU = uint8_t(p.entry.cellsU), g.cellsV = uint8_t(p.entry.cellsV);
       g.level = uint8_t(p.key.level);
-      g.kind = p.key.mask | p.key.keys << 8;
+      // Prototypes lie in spaces of their own.
+      g.kind =
+          isPrototype(p.key.part) ? 0x80000000u | p.key.part << 8 | p.key.keys : p.key.mask | p.key.keys << 8;
     }
     std::map<ClassKey, std::vector<StitchTriangle>> stitches;
     for (const StitchTriangle& t : stitchBorders(grids)) {
@@ -530,7 +681,7 @@ class RaySceneBuilder {
                                  sizeof(RTCGrid), primitives);
     rtcSetGeometryMask(g, key.mask);
     rtcCommitGeometry(g);
-    const unsigned id = rtcAttachGeometry(key.tree == kNone ? em.scene : em.solids[key.tree], g);
+    const unsigned id = rtcAttachGeometry(sceneOf(key), g);
     FR_CHECK(id + 1 == tableOf(key).size());
     rtcReleaseGeometry(g);
   }
@@ -540,7 +691,12 @@ class RaySceneBuilder {
   RaySceneOptions options_;
   std::unique_ptr<RayScene> scene_;
   int threads_ = 1;
-  std::vector<Prepared> prepared_;
+  std::vector<Prepared> prepared_;                                         // of prototypes behind all others
+  std::vector<ObjectFacts> facts_;                                         // by object
+  std::map<std::pair<std::vector<ObjectId>, int>, uint32_t> prototypeOf_;  // by objects and level
+  std::vector<PrototypeParts> prototypes_;
+  std::vector<InstanceGroup> groups_;
+  std::vector<std::vector<SurfaceEntry>> placed_;  // by group, in the order of the prototype's entries
 };
 
 Result<std::unique_ptr<RayScene>> RayScene::build(SceneCache& cache,

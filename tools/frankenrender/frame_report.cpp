@@ -52,6 +52,8 @@ std::string FrameReport::text(int frameNumber) const {
   if (load)
     out.line("primitives", "{}{}", load->primitives,
              load->dropped ? fmt::format("  ({} could not be used)", load->dropped) : std::string());
+  if (load && load->instances > 0)
+    out.line("instances", "{}  ({} share grids)", load->instances, load->sharedInstances);
   if (load && load->procedurals + load->proceduralsUnopened > 0)
     out.line("procedurals", "{} expanded, {} never opened", load->procedurals, load->proceduralsUnopened);
   if (load && load->outOfBound + load->otherDetail > 0)
@@ -61,6 +63,7 @@ std::string FrameReport::text(int frameNumber) const {
   out.line("patches culled", "{} outside, {} hidden", frame.nodesCulledOutside, frame.nodesCulledHidden);
   out.line("grids diced", "{}  ({} micropolygons, {} splits)", cache.gridsDiced, cache.micropolygonsDiced,
            cache.nodesSplit);
+  if (cache.gridsShared > 0) out.line("grids shared", "{}", cache.gridsShared);
   out.line("grids drawn", "{}  ({} hidden)", frame.gridsDrawn, frame.gridsCulledHidden);
   out.line("grids shaded", "{}  ({} points; at most {} held)", frame.gridsShaded, frame.pointsShaded,
            frame.gridsShadedPeak);

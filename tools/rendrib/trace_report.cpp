@@ -40,6 +40,8 @@ std::string TraceReport::text(int frameNumber) const {
     line("primitives",
          fmt::format("{}{}", load->primitives,
                      load->dropped ? fmt::format("  ({} could not be used)", load->dropped) : std::string()));
+  if (load && load->instances > 0)
+    line("instances", fmt::format("{}  ({} share grids)", load->instances, load->sharedInstances));
   if (load && load->procedurals + load->proceduralsUnopened > 0)
     line("procedurals",
          fmt::format("{} expanded, {} never opened", load->procedurals, load->proceduralsUnopened));
