@@ -32,25 +32,26 @@ Vec2 patchParameters(const TileGrid& g, const TileView& view, const ShutterSpace
           float((node.iv + row / r.nv) * std::ldexp(1.0, -node.dv))};
 }
 
-/// Room for fragments is made for this many at a time.
+/// Fragments that are gathered before they go to their list.
 constexpr size_t kFragmentRoom = 4096;
 
-/// Draws faces [0, count) with raster(first, target), as RasterFunction does: to depths, or to fragments.
+/// Draws faces [0, count) with raster(first, target), as RasterFunction does: to depths, or to fragments by
+/// way of `room`.
 template <class Raster>
-void drawFaces(uint32_t count, std::vector<Fragment>* fragments, RasterTarget& target, Raster&& raster) {
+void drawFaces(uint32_t count, std::vector<Fragment>* fragments, std::vector<Fragment>& room,
+               RasterTarget& target, Raster&& raster) {
   if (!fragments) {
     raster(0u, target);
     return;
   }
-  size_t room = kFragmentRoom;
+  if (room.empty()) room.resize(kFragmentRoom);
   for (uint32_t next = 0; next < count;) {
-    const size_t have = fragments->size();
-    fragments->resize(have + room);
-    target.fragments = fragments->data() + have;
-    target.fragmentCapacity = room, target.fragmentCount = 0;
+    target.fragments = room.data();
+    target.fragmentCapacity = room.size(), target.fragmentCount = 0;
     const uint32_t stopped = raster(next, target);
-    fragments->resize(have + target.fragmentCount);
-    if (stopped == next) room *= 2;  // one face covers more samples than there was room for
+    fragments->insert(fragments->end(), target.fragments, target.fragments + target.fragmentCount);
+    if (stopped == next)
+      room.resize(2 * room.size());  // one face covers more samples than there was room for
     next = stopped;
   }
 }
@@ -258,7 +259,7 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
       faces.faceCount = meshlet ? grid.nv : uint32_t(grid.nu) * grid.nv;
       faces.slot = drawnSlot, faces.cullSign = cullSign;
       const BlurSamples times = samples.blurSamples();
-      drawFaces(faces.faceCount, to, target,
+      drawFaces(faces.faceCount, to, room_, target,
                 [&](uint32_t first, RasterTarget& t) { return drawBlurred_(faces, first, times, t); });
       if (g.blurred.anyClipped)
         drawBlurredClipped(g.blurred, scene_.space, faces, times, target,
@@ -276,7 +277,7 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
     triangles.triangleCount = meshlet ? grid.nv : 2u * grid.nu * grid.nv;
     triangles.slot = drawnSlot, triangles.cullSign = cullSign;
     const auto drawTriangles = [&](const RasterTriangles& t) {
-      drawFaces(t.triangleCount, to, target,
+      drawFaces(t.triangleCount, to, room_, target,
                 [&](uint32_t first, RasterTarget& onto) { return rasterise_(t, first, onto); });
     };
     drawTriangles(triangles);

@@ -68,6 +68,7 @@ class TileHider {
   BlurFunction drawBlurred_;
   std::vector<Candidate> heap_;
   std::vector<cache::NodeId> stack_;
+  std::vector<Fragment> room_;
   TileSolids solids_;
   double resolving_ = 0;
   std::vector<Vec3> placed_;  // vertices of a grid that is not in cache space

@@ -33,6 +33,7 @@ struct World {
                          },
                          {});
     ri::Reader reader(builder);
+    builder.setReader(&reader);
     EXPECT_TRUE(reader.readBuffer("WorldBegin\n" + body + "\nWorldEnd\n", "test.rib").ok());
     builder.finish();
     setReportSink({});
@@ -101,6 +102,21 @@ TEST(Solids, PrimitivesAndInstancesInsideAnOperationAreSolidsOfTheirOwn) {
   EXPECT_EQ(w.tree(0), "u(p p p p i(p p))");
   EXPECT_EQ(w.solid(2), w.solid(3));
   EXPECT_NE(w.solid(3), w.solid(4));
+}
+
+TEST(Solids, ProceduralsBelongToTheBlockThatTheyStandIn) {
+  const std::string archive = "ArchiveBegin \"balls\"\n" + kSphere + kSphere + "ArchiveEnd\n";
+  const std::string ask = "Procedural \"DelayedReadArchive\" [\"balls\"] [-1 1 -1 1 -1 1]\n";
+  const World w(archive + block("difference", block("primitive", ask) + kLeaf) + ask + "ObjectBegin 1\n" +
+                block("union", block("primitive", ask) + kLeaf) + "ObjectEnd\nObjectInstance 1\n");
+  EXPECT_TRUE(w.reports.empty());
+  EXPECT_EQ(w.tree(0), "d(p p)");
+  EXPECT_EQ(w.tree(3), "u(p p)");
+  ASSERT_EQ(w.skeleton.objects().size(), 8u);
+  std::vector<SolidId> of;
+  for (size_t i = 0; i < 8; ++i) of.push_back(w.solid(i));
+  std::sort(of.begin(), of.end());
+  EXPECT_EQ(of, (std::vector<SolidId>{1, 1, 2, 4, 4, 5, kNone, kNone}));
 }
 
 TEST(Solids, BadBlocksAreReportedAndEmptyOnesAreEmpty) {

@@ -417,6 +417,44 @@ TEST(SolidPictures, NormalsOfHolesLookOutOfTheMatter) {
       }
 }
 
+TEST(SolidPictures, DisplacementMovesAPartAsIfItStoodAlone) {
+  // A ball that grows by 0.15 in every direction takes more away.
+  const std::string grow = "Attribute \"displacementbound\" \"float sphere\" [0.2]\nDisplacement \"grow\"\n";
+  const Solid grown = sphere({0.1, 0.1, -1}, 0.7), drawn = sphere({0.1, 0.1, -1}, 0.55, grow);
+  const Solid s = {"", grown.holds, grown.cross};
+  const Solid ball = sphere({0, 0, 0}, 1);
+  const Solid reference = subtract(ball, s);
+  const std::map<std::string, std::string> shaders = {
+      {"grow", "displacement grow() { P += 0.15 * normalize(N); N = calculatenormal(P); }\n"},
+      {"bump", "displacement bump() { N = calculatenormal(P + 0.1 * normalize(N)); }\n"},
+      {"showN",
+       "surface showN() { normal n = ntransform(\"world\", normalize(N)); Ci = color(n); Oi = 1; }\n"}};
+  const auto rib = [&](const std::string& tool) {
+    return picture(kOrthographic,
+                   "Surface \"showN\"\nSolidBegin \"difference\"\n" + ball.rib + tool + "SolidEnd\n");
+  };
+  const HiderPair moved = renderBoth(rib(drawn.rib), shaders);
+  const HiderPair bumped =
+      renderBoth(rib(sphere({0.1, 0.1, -1}, 0.7, "Displacement \"bump\"\n").rib), shaders);
+  size_t n = 0;
+  for (int y = 0; y < kSize; ++y)
+    for (int x = 0; x < kSize; ++x) {
+      DVec3 o, d;
+      kOrthographic.line(x + 0.5, y + 0.5, &o, &d);
+      if (std::hypot(o.x - 0.1, o.y - 0.1) > 0.55) continue;
+      const double t = surfaces(reference, o, d).at(0);
+      const DVec3 normal = (DVec3(0.1, 0.1, -1) - (o + t * d)) / 0.7;
+      const auto i = size_t(y * kSize + x);
+      ++n;
+      for (const Channels* c : {&moved.reyes, &moved.rays, &bumped.reyes, &bumped.rays}) {
+        ASSERT_NEAR(c->at(4, i), t, 3e-3);
+        // Of facets, a few degrees off.
+        for (int k = 0; k < 3; ++k) ASSERT_NEAR(c->at(size_t(k), i), normal[k], 0.06);
+      }
+    }
+  EXPECT_GT(n, 1000u);
+}
+
 TEST(SolidPictures, InstancesOfSolids) {
   const Solid s = subtract(sphere({0, 0, 0}, 0.5), rod(0, 0, 0.25, -2, 2));
   const std::string world = "ObjectBegin 1\n" + s.rib + "ObjectEnd\n" +
