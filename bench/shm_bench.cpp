@@ -63,9 +63,9 @@ class Echo : public ChannelHandler {
 class ServedChannel {
  public:
   explicit ServedChannel(ChannelConfig config)
-      : server_(std::move(*ChannelServer::create(echo_, {}))),
+      : server_(std::move(*ChannelServer::create(echo_))),
         channel_(std::move(*ClientChannel::create(server_->board(), {.config = config}))) {
-    (void)*server_->add(std::move(*channel_.share()), nullptr, {});
+    (void)*server_->add(std::move(*channel_.share()));
     wakeCost();  // measured here rather than in both
     child_ = std::make_unique<Child>([this] { server_->run(); });
   }

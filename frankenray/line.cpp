@@ -105,7 +105,6 @@ void fillBlock(const frankenray_line& l, const frankenray_batch& b, size_t first
   q.kind = RayKind(r.kind);
   q.count = n;
   q.level = uint32_t(r.level);
-  q.label = 0;
   if (q.kind == RayKind::kVisibility) {
     for (uint32_t i = 0; i < n; ++i)
       l.space.setSegment(q, i, pointAt(r.origin, first + i), pointAt(r.target, first + i));

@@ -19,11 +19,8 @@ Result<SingleAnswer> ChannelLine::ask(const SingleRayMail& ray) {
   if (ray.ray.kind > uint32_t(RayKind::kFullTrace))
     return makeError(RiError::kRange, "{} is no kind of ray", ray.ray.kind);
   if (error_) return *error_;
-  // What starts nowhere travels in one cache line.
-  const bool starts = ray.start.node != 0xffffffffu || ray.start.label != 0 || ray.start.normal[0] != 0 ||
-                      ray.start.normal[1] != 0 || ray.start.normal[2] != 0 || ray.start.importance != 0;
   std::array<std::byte, shm::kMailBytes> bytes;
-  const Result<uint32_t> n = channel_.call(starts ? singleRayBytes(ray) : singleRayBytes(ray.ray), bytes);
+  const Result<uint32_t> n = channel_.call(singleRayBytes(ray), bytes);
   if (!n) return channel_.error() ? fail(n.error()) : n.error();
   SingleAnswer answer;
   if (!readSingleAnswer(std::span(bytes).first(*n), RayKind(ray.ray.kind), answer))
@@ -113,6 +110,7 @@ void makeMisses(RayQuery& q) {
   for (uint32_t i = 0; i < n; ++i) {
     q.hitDistance[i] = q.kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace;
     q.missDepth[i] = 0;
+    q.hitNode[i] = 0xffffffffu;
     for (int c = 0; c < 3; ++c)
       q.color[c][i] = value, q.hitP[c][i] = q.hitN[c][i] = q.missP[c][i] = q.missR[c][i] = 0;
   }

@@ -18,14 +18,14 @@ uint64_t controlFingerprint() {
 
 uint64_t rayQueryFingerprint() {
   using Q = RayQuery;
-  return shm::layoutHash(sizeof(Q), offsetof(Q, kind), offsetof(Q, count), offsetof(Q, level),
-                         offsetof(Q, label), offsetof(Q, origin), offsetof(Q, direction), offsetof(Q, time),
-                         offsetof(Q, radius), offsetof(Q, spread), offsetof(Q, normal), offsetof(Q, node),
-                         offsetof(Q, cell), offsetof(Q, u), offsetof(Q, v), offsetof(Q, seed),
-                         offsetof(Q, importance), offsetof(Q, point), offsetof(Q, color),
-                         offsetof(Q, hitDistance), offsetof(Q, hitP), offsetof(Q, hitN), offsetof(Q, missP),
-                         offsetof(Q, missR), offsetof(Q, missDepth), kMaxRays, offsetof(RayTerms, opaque),
-                         offsetof(RayTerms, label), offsetof(RayTerms, subset), offsetof(RayTerms, extras));
+  return shm::layoutHash(
+      sizeof(Q), offsetof(Q, kind), offsetof(Q, count), offsetof(Q, level), offsetof(Q, terms),
+      offsetof(Q, origin), offsetof(Q, direction), offsetof(Q, time), offsetof(Q, radius),
+      offsetof(Q, spread), offsetof(Q, normal), offsetof(Q, node), offsetof(Q, cell), offsetof(Q, u),
+      offsetof(Q, v), offsetof(Q, seed), offsetof(Q, importance), offsetof(Q, point), offsetof(Q, color),
+      offsetof(Q, hitDistance), offsetof(Q, hitP), offsetof(Q, hitN), offsetof(Q, missP), offsetof(Q, missR),
+      offsetof(Q, missDepth), offsetof(Q, hitNode), offsetof(Q, extra), kMaxRays, offsetof(RayTerms, opaque),
+      offsetof(RayTerms, label), offsetof(RayTerms, subset), offsetof(RayTerms, extras));
 }
 
 Result<void> sendControl(shm::PeerSocket& socket, uint32_t type, uint64_t fingerprint,

@@ -38,7 +38,7 @@ struct FrameHeader {
 static_assert(sizeof(FrameHeader) == kPipeFrameHeaderBytes);
 
 struct RaysHeader {
-  uint32_t kind, count, level, label;
+  uint32_t kind, count, level, reserved0;
   uint32_t columns;  // kHas...
   uint32_t flags;
   uint32_t reserved[2];
@@ -78,6 +78,10 @@ void forEachQuestion(Query& q, uint32_t columns, F&& f) {
   if (columns & kHasSeed) f(q.seed);
   if (columns & kHasImportance) f(q.importance);
 }
+/// Whether the answers to these rays tell the patch that was hit.
+bool tellsNode(RayKind kind, const RayTerms& terms) {
+  return kind != RayKind::kVisibility && terms.flags & RayTerms::kWantsNode;
+}
 template <class Query, class F>
 void forEachAnswer(Query& q, RayKind kind, F&& f) {
   if (kind != RayKind::kHitTest)
@@ -92,17 +96,19 @@ void forEachAnswer(Query& q, RayKind kind, F&& f) {
     for (auto& a : q.missR) f(a);
     f(q.missDepth);
   }
+  if (tellsNode(kind, q.terms)) f(q.hitNode);
 }
 
 size_t questionBytes(uint32_t columns) {
   return 24 + (columns & kHasTime ? 4 : 0) + (columns & kHasFootprint ? 8 : 0) +
          (columns & kHasStart ? 28 : 0) + (columns & kHasSeed ? 8 : 0) + (columns & kHasImportance ? 4 : 0);
 }
-size_t answerBytes(RayKind kind) {
-  return kind == RayKind::kTrace        ? 16
-         : kind == RayKind::kVisibility ? 12
-         : kind == RayKind::kHitTest    ? 28
-                                        : 68;
+size_t answerBytes(RayKind kind, const RayTerms& terms) {
+  const size_t fixed = kind == RayKind::kTrace        ? 16
+                       : kind == RayKind::kVisibility ? 12
+                       : kind == RayKind::kHitTest    ? 28
+                                                      : 68;
+  return fixed + (tellsNode(kind, terms) ? 4 : 0);
 }
 
 template <class T>
@@ -220,7 +226,7 @@ void putPipeFrame(std::vector<std::byte>& out, PipeFrameType type, uint32_t id,
 void putPipeRays(std::vector<std::byte>& out, uint32_t id, uint32_t flags, const RayQuery& q) {
   const uint32_t n = std::min(q.count, kMaxRays);
   RaysHeader r{};
-  r.kind = uint32_t(q.kind), r.count = n, r.level = q.level, r.label = q.label, r.flags = flags;
+  r.kind = uint32_t(q.kind), r.count = n, r.level = q.level, r.flags = flags;
   if (anyOtherThan(q.time, n, 0.0f)) r.columns |= kHasTime;
   if (anyOtherThan(q.radius, n, 0.0f) || anyOtherThan(q.spread, n, 0.0f)) r.columns |= kHasFootprint;
   if (anyOtherThan(q.node, n, 0xffffffffu) || anyOtherThan(q.normal[0], n, 0.0f) ||
@@ -256,7 +262,7 @@ Result<void> readPipeRays(std::span<const std::byte> body, RayQuery& q, uint32_t
   if (body.size() != expected)
     return makeError(RiError::kBadFile, "a frame of {} rays has {} bytes instead of {}", n, body.size(),
                      expected);
-  q.kind = RayKind(r.kind), q.count = n, q.level = r.level, q.label = r.label;
+  q.kind = RayKind(r.kind), q.count = n, q.level = r.level;
   flags = r.flags;
   std::fill_n(q.time, n, 0.0f), std::fill_n(q.radius, n, 0.0f), std::fill_n(q.spread, n, 0.0f);
   for (auto& a : q.normal) std::fill_n(a, n, 0.0f);
@@ -286,7 +292,7 @@ void putPipeAnswers(std::vector<std::byte>& out, uint32_t id, const RayQuery& q)
   FrameHeader h;
   h.type = uint16_t(PipeFrameType::kAnswers);
   h.id = id;
-  h.bytes = uint32_t(sizeof r + (answerBytes(q.kind) + extras * sizeof(float)) * n);
+  h.bytes = uint32_t(sizeof r + (answerBytes(q.kind, q.terms) + extras * sizeof(float)) * n);
   out.reserve(out.size() + sizeof h + h.bytes);
   put(out, h);
   put(out, r);
@@ -300,7 +306,7 @@ Result<void> readPipeAnswers(std::span<const std::byte> body, RayKind kind, uint
   std::memcpy(&r, body.data(), sizeof r);
   const uint32_t extras = kind == RayKind::kVisibility ? 0 : extraAnswers(q.terms);
   if (r.kind != uint32_t(kind) || r.count != count || count > kMaxRays || r.extras != extras ||
-      body.size() != sizeof r + (answerBytes(kind) + extras * sizeof(float)) * count)
+      body.size() != sizeof r + (answerBytes(kind, q.terms) + extras * sizeof(float)) * count)
     return makeError(RiError::kBadFile, "{} answers of kind {} in {} bytes came for {} rays of kind {}",
                      r.count, r.kind, body.size(), count, uint32_t(kind));
   const std::byte* p = body.data() + sizeof r;

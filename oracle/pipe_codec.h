@@ -55,7 +55,7 @@ bool readPipeReply(std::span<const std::byte> bytes, RayKind kind, const WorldSp
 /// server of 1998 answers it as the ray that it is, ours with a PipeWelcome: 16 bytes either way.
 inline constexpr uint32_t kPipeHelloMagic = 0x48505246;    // "FRPH"
 inline constexpr uint32_t kPipeWelcomeMagic = 0x57505246;  // "FRPW"
-inline constexpr uint32_t kPipeVersion = 1;
+inline constexpr uint32_t kPipeVersion = 2;
 
 struct PipeWelcome {
   uint32_t magic = kPipeWelcomeMagic;

@@ -142,7 +142,7 @@ std::unique_ptr<RayQuery> randomQuery(uint32_t seed) {
   std::memset(static_cast<void*>(q.get()), 0, sizeof *q);
   q->kind = RayKind(random() % 4);
   q->count = seed == 0 ? 0 : seed == 1 ? kMaxRays : random() % (kMaxRays + 1);
-  q->level = random() % 5, q->label = random() % 3;
+  q->level = random() % 5;
   const uint32_t parts = random();
   for (uint32_t i = 0; i < q->count; ++i) {
     auto f = [&] { return float(random()) * 1e-9f; };
@@ -193,7 +193,6 @@ TEST(PipeCodec, FramesKeepEveryBitOfQuestionsAndAnswers) {
     ASSERT_EQ(back->count, q->count);
     EXPECT_EQ(back->kind, q->kind);
     EXPECT_EQ(back->level, q->level);
-    EXPECT_EQ(back->label, q->label);
     EXPECT_EQ(std::memcmp(&back->terms, &q->terms, sizeof q->terms), 0);
     const size_t n = q->count * sizeof(float);
     for (int c = 0; c < 3; ++c) {

@@ -4,57 +4,26 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
-#include <span>
-#include <vector>
 
 #include "oracle/ray_query.h"
 
 namespace fr {
 
-inline constexpr size_t kQueryHeaderBytes = offsetof(RayQuery, origin);
-
-/// Calls f(array) for the first element of each array of questions. Q: RayQuery, const or not.
-template <class Q, class F>
-void forEachQuestionArray(Q& q, F&& f) {
-  for (int c = 0; c < 3; ++c) f(q.origin[c]);
-  for (int c = 0; c < 3; ++c) f(q.direction[c]);
-  f(q.time), f(q.radius), f(q.spread);
-  for (int c = 0; c < 3; ++c) f(q.normal[c]);
-  f(q.node), f(q.cell), f(q.u), f(q.v), f(q.seed), f(q.importance), f(q.point);
+/// Copies a question: what is needed to ask a block of rays again.
+inline void copyQuestion(const RayQuery& from, RayQuery& to) {
+  constexpr size_t kHeaderBytes = offsetof(RayQuery, origin);
+  std::memcpy(static_cast<void*>(&to), static_cast<const void*>(&from), kHeaderBytes);
+  const uint32_t n = std::min(from.count, kMaxRays);
+  const auto copy = [n](const auto& a, auto& b) { std::memcpy(b, a, n * sizeof a[0]); };
+  for (int c = 0; c < 3; ++c) {
+    copy(from.origin[c], to.origin[c]);
+    copy(from.direction[c], to.direction[c]);
+    copy(from.normal[c], to.normal[c]);
+  }
+  copy(from.time, to.time), copy(from.radius, to.radius), copy(from.spread, to.spread);
+  copy(from.node, to.node), copy(from.cell, to.cell), copy(from.u, to.u), copy(from.v, to.v);
+  copy(from.seed, to.seed), copy(from.importance, to.importance), copy(from.point, to.point);
 }
-
-/// What is needed to ask a block of rays again, packed. Reuses its memory.
-class KeptQuestions {
- public:
-  /// About 80 bytes a ray.
-  void keep(const RayQuery& q) {
-    const uint32_t n = std::min(q.count, kMaxRays);
-    size_t bytes = kQueryHeaderBytes;
-    forEachQuestionArray(q, [&](const auto& a) { bytes += n * sizeof a[0]; });
-    if (bytes_.size() < bytes) bytes_.resize(bytes);
-    std::byte* to = bytes_.data();
-    std::memcpy(to, static_cast<const void*>(&q), kQueryHeaderBytes);
-    to += kQueryHeaderBytes;
-    forEachQuestionArray(q, [&](const auto& a) {
-      std::memcpy(to, a, n * sizeof a[0]);
-      to += n * sizeof a[0];
-    });
-  }
-  /// REQUIRES keep().
-  void writeTo(RayQuery& q) const {
-    const std::byte* from = bytes_.data();
-    std::memcpy(static_cast<void*>(&q), from, kQueryHeaderBytes);
-    from += kQueryHeaderBytes;
-    const uint32_t n = std::min(q.count, kMaxRays);
-    forEachQuestionArray(q, [&](auto& a) {
-      std::memcpy(a, from, n * sizeof a[0]);
-      from += n * sizeof a[0];
-    });
-  }
-
- private:
-  std::vector<std::byte> bytes_;
-};
 
 /// Floats a ray that `terms` ask for beyond the fixed answers.
 inline uint32_t extraAnswers(const RayTerms& terms) {
@@ -81,6 +50,7 @@ inline void copyAnswers(const RayQuery& from, RayQuery& to, uint32_t count) {
   }
   std::memcpy(to.hitDistance, from.hitDistance, bytes);
   std::memcpy(to.missDepth, from.missDepth, bytes);
+  std::memcpy(to.hitNode, from.hitNode, bytes);
   if (to.terms.extras[0] != 0)
     for (uint32_t k = 0; k < kMaxExtraAnswers; ++k) std::memcpy(to.extra[k], from.extra[k], bytes);
 }

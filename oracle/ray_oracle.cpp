@@ -10,7 +10,8 @@ Result<SingleAnswer> RayOracle::ask(const SingleRayMail& ray) {
   const RayKind kind = RayKind(ray.ray.kind);
   RayQuery* q = acquire();
   if (!q) return makeError(RiError::kLimit, "a single ray was asked while all blocks are in use");
-  q->kind = kind, q->count = 1, q->level = ray.ray.level, q->label = ray.start.label;
+  q->kind = kind, q->count = 1, q->level = ray.ray.level;
+  q->terms.flags |= RayTerms::kWantsNode;
   putRay(*q, 0, ray);
   if (Result<void> s = submit(q); !s) {
     release(q);

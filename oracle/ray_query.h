@@ -4,6 +4,7 @@
 // lives in shared memory, and whoever reads it checks every field.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <type_traits>
 
@@ -36,7 +37,7 @@ inline constexpr uint32_t kMaxExtraAnswers = 12;
 
 /// What a call site says about all its rays. All bytes 0: nothing said. Strings end with 0.
 struct RayTerms {
-  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4, kHasOpaque = 8 };
+  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4, kWantsNode = 8, kHasOpaque = 16 };
   RayClass rayClass;
   uint32_t flags;
   float maxDistance;      // hits farther away are none; 0: no limit. Not for visibility
@@ -55,13 +56,19 @@ struct RayTerms {
 };
 static_assert(sizeof(RayTerms) % 8 == 0);
 
-/// Input arrays are written by the client, output arrays by the oracle. Only [0, count) is meaningful.
+/// What oracles map read-only, if they are another process: the question. Whole pages.
+inline constexpr size_t kQuestionBytes = [] {
+  constexpr size_t bytes = 16 + sizeof(RayTerms) + 18 * kRayRow * sizeof(float) + (kMaxRays + 8) * 8;
+  return (bytes + 4095) / 4096 * 4096;
+}();
+
+/// The question is written by the client alone, the answer by the oracle. Only [0, count) is meaningful.
 struct RayQuery {
   RayKind kind;
   uint32_t count;
-  uint32_t level;  // ray level of these rays: 1 for rays asked by camera-visible points
-  uint32_t label;  // StringId of the trace label, 0: none
-  RayTerms terms;  // oracles clear it when a block is acquired
+  uint32_t level;     // ray level of these rays: 1 for rays asked by camera-visible points
+  uint32_t reserved;  // anything
+  RayTerms terms;     // oracles clear it when a block is acquired
 
   float origin[3][kRayRow];
   float direction[3][kRayRow];  // need not be unit; kVisibility: to - from
@@ -80,6 +87,8 @@ struct RayQuery {
                        // the tracer uses it to find the deepest miss below each hit; 0xffffffff: all of them
                        // (one ray whose operands are uniform). Clients of an oracle may leave it alone
 
+  std::byte pad[kQuestionBytes - 16 - sizeof(RayTerms) - 18 * kRayRow * sizeof(float) - (kMaxRays + 8) * 8];
+
   float color[3][kRayRow];
   float hitDistance[kRayRow];
   float hitP[3][kRayRow];
@@ -87,8 +96,10 @@ struct RayQuery {
   float missP[3][kRayRow];
   float missR[3][kRayRow];
   float missDepth[kRayRow];                // depth of the deepest ray that missed everything, 0: none missed
+  uint32_t hitNode[kRayRow];               // kWantsNode: patch that was hit, cache::kNone: none
   float extra[kMaxExtraAnswers][kRayRow];  // as terms.extras asks, component after component
 };
+static_assert(offsetof(RayQuery, color) == kQuestionBytes);
 static_assert(std::is_trivially_copyable_v<RayQuery> && std::is_standard_layout_v<RayQuery>);
 
 inline constexpr float kNoHit = 1.0e38f;           // rayhittest

@@ -53,6 +53,7 @@ class ShmLink : public RayClient::Link {
     shm::ClientChannel::Options o;
     o.config.blockCount = std::clamp(options_.blocksPerLine, 1u, 64u);
     o.config.blockBytes = sizeof(RayQuery);
+    o.config.questionBytes = kQuestionBytes;
     o.wait = options_.wait;
     o.serverAlive = [link = self.get()] { return link->alive(); };  // the line keeps the link
     auto channel = shm::ClientChannel::create(board_, std::move(o));

@@ -2,7 +2,7 @@
 // ClientChannel::call).
 //
 // A question is SingleRay (48 bytes: with the mailbox's own words one 64-byte line) or SingleRay followed by
-// SingleRayStart (88 bytes, two lines) when the ray starts on a surface or has a label. An answer is
+// SingleRayStart (88 bytes, two lines) when the ray starts on a surface. An answer is
 // SingleAnswer without or with its last part, see singleAnswerBytes(). The same ray gets the same bits as in
 // a block (oracle/ray_query.h). Everything spatial is in cache space. Trivially copyable: these are the bytes
 // that travel, and whoever receives them checks every field.
@@ -37,12 +37,11 @@ struct SingleRayStart {
   uint32_t node = 0xffffffffu;  // patch, cache::kNone: none
   uint32_t cell = 0;
   float u = 0, v = 0;
-  uint32_t label = 0;       // StringId of the trace label, 0: none
-  uint32_t importance = 0;  // weight as float bits; reserved for pruning
-  uint32_t reserved = 0;    // 0
+  uint32_t importance = 0;    // weight as float bits; reserved for pruning
+  uint32_t reserved[2] = {};  // 0
 };
 
-/// A whole question. Send the first part alone when the second is as it was made.
+/// A whole question.
 struct SingleRayMail {
   SingleRay ray;
   SingleRayStart start;
@@ -55,7 +54,7 @@ struct SingleAnswer {
   float hitP[3] = {};
   float hitN[3] = {};
   float missDepth = 0;
-  uint32_t reserved = 0;  // 0
+  uint32_t hitNode = 0xffffffffu;  // patch that was hit; cache::kNone: nothing, or not asked for by this kind
   // Of kFullTrace only:
   float missP[3] = {};
   float missR[3] = {};
@@ -73,7 +72,7 @@ static_assert(sizeof(SingleRay) == kSingleRayBytes && offsetof(SingleRay, time) 
               offsetof(SingleRay, seed) == 40);
 static_assert(sizeof(SingleRayMail) == kSingleRayMailBytes &&
               offsetof(SingleRayMail, start) == kSingleRayBytes && offsetof(SingleRayStart, node) == 12 &&
-              offsetof(SingleRayStart, label) == 28);
+              offsetof(SingleRayStart, importance) == 28);
 static_assert(sizeof(SingleAnswer) == kSingleFullAnswerBytes &&
               offsetof(SingleAnswer, missP) == kSingleAnswerBytes && offsetof(SingleAnswer, missDepth) == 40);
 
@@ -82,12 +81,13 @@ constexpr size_t singleAnswerBytes(RayKind kind) {
   return kind == RayKind::kFullTrace ? kSingleFullAnswerBytes : kSingleAnswerBytes;
 }
 
-/// The bytes to send.
-inline std::span<const std::byte> singleRayBytes(const SingleRay& ray) {
-  return std::as_bytes(std::span(&ray, 1));
-}
+/// The bytes to send: what starts nowhere travels in one cache line.
 inline std::span<const std::byte> singleRayBytes(const SingleRayMail& mail) {
-  return std::as_bytes(std::span(&mail, 1));
+  const SingleRayStart& s = mail.start;
+  const bool starts =
+      s.node != 0xffffffffu || s.normal[0] != 0 || s.normal[1] != 0 || s.normal[2] != 0 || s.importance != 0;
+  const std::span<const std::byte> all = std::as_bytes(std::span(&mail, 1));
+  return starts ? all : all.first(kSingleRayBytes);
 }
 
 /// The server's side: false when these bytes are no question (size, kind). Numbers are not looked at: any
@@ -107,7 +107,7 @@ inline bool readSingleAnswer(std::span<const std::byte> bytes, RayKind kind, Sin
   return true;
 }
 
-/// The same ray as place `i` of a block, whose kind, level and label are the block's. REQUIRES i < kMaxRays.
+/// The same ray as place `i` of a block, whose kind and level are the block's. REQUIRES i < kMaxRays.
 inline void putRay(RayQuery& q, uint32_t i, const SingleRayMail& m) {
   for (int c = 0; c < 3; ++c) {
     q.origin[c][i] = m.ray.origin[c];
@@ -125,6 +125,7 @@ inline SingleAnswer singleAnswerOf(const RayQuery& q, uint32_t i, RayKind kind) 
   const bool full = kind == RayKind::kFullTrace, hit = full || kind == RayKind::kHitTest;
   if (kind != RayKind::kVisibility) a.hitDistance = q.hitDistance[i];
   if (full) a.missDepth = q.missDepth[i];
+  if (kind != RayKind::kVisibility && q.terms.flags & RayTerms::kWantsNode) a.hitNode = q.hitNode[i];
   for (int c = 0; c < 3; ++c) {
     if (kind != RayKind::kHitTest) a.color[c] = q.color[c][i];
     if (hit) a.hitP[c] = q.hitP[c][i], a.hitN[c] = q.hitN[c][i];

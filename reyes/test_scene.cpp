@@ -120,7 +120,7 @@ ShadeTask::Status ShadeTask::run() {
 }
 uint32_t ShadeTask::rayCount() const { return uint32_t(impl_->points.count); }
 void ShadeTask::writeRays(RayQuery& q) const {
-  q.kind = RayKind::kHitTest, q.count = rayCount(), q.level = 1, q.label = 0;
+  q.kind = RayKind::kHitTest, q.count = rayCount(), q.level = 1;
   for (uint32_t i = 0; i < q.count; ++i) q.seed[i] = impl_->points.gridSeed + i;
 }
 void ShadeTask::readAnswers(const RayQuery& q) {

@@ -245,7 +245,6 @@ void ShadeTask::writeRays(RayQuery& q) const {
   q.kind = r.kind;
   q.count = r.count;
   q.level = t.columns.batch().level + 1;
-  q.label = 0;
   q.terms = r.terms;
   const uint32_t period = t.columns.batch().copyPeriod;
   const Mat4& m = t.system.currentToCache;

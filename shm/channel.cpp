@@ -11,6 +11,14 @@ constexpr uint32_t kPollsPerLook = 1024;
 
 constexpr std::chrono::nanoseconds kForever{-1};
 
+/// Most mails have one size, and a copy of a size that is known takes a few instructions.
+void copyShortOrAny(std::byte* to, const std::byte* from, size_t size) {
+  if (size == kShortMail)
+    std::memcpy(to, from, kShortMail);
+  else if (size > 0)
+    std::memcpy(to, from, size);
+}
+
 }  // namespace
 
 Result<ClientChannel> ClientChannel::create(std::shared_ptr<ServerBoard> board, Options options) {
@@ -24,7 +32,8 @@ ClientChannel::ClientChannel(ChannelMemory memory, std::shared_ptr<ServerBoard> 
     : memory_(std::move(memory)),
       board_(std::move(board)),
       options_(std::move(options)),
-      books_(memory_.blockCount()) {
+      books_(memory_.blockCount()),
+      gone_(std::make_unique<std::atomic<bool>>(false)) {
   free_.resize(books_.size());
   std::iota(free_.rbegin(), free_.rend(), 0u);  // block 0 comes out first
 }
@@ -33,8 +42,8 @@ ClientChannel::~ClientChannel() {
   if (!board_) return;
   const SideState last = error_ ? SideState::kBroken : SideState::kClosed;
   // SYNC POINT 6: pairs with the seq_cst load of clientState in ChannelServer.
-  memory_.control().clientState.value.store(uint32_t(last), std::memory_order_seq_cst);
-  board_->bell().ring(1);
+  memory_.control().clientState.value.store(uint32_t(last), std::memory_order_release);
+  board_->bells().ringOne(currentProcessor());
 }
 
 Error ClientChannel::breakChannel(Error e) {
@@ -43,13 +52,22 @@ Error ClientChannel::breakChannel(Error e) {
 }
 
 bool ClientChannel::serverLeft() const {
+  if (gone_->load(std::memory_order_seq_cst)) return true;
   // SYNC POINT 7: pairs with the seq_cst stores of serverState in ChannelServer (end, ~ChannelServer).
   return memory_.control().serverState.value.load(std::memory_order_seq_cst) != uint32_t(SideState::kOpen) ||
          board_->serverState().load(std::memory_order_seq_cst) != uint32_t(SideState::kOpen);
 }
 
 bool ClientChannel::serverAlive() {
+  // We have waited long. Other clients can write into the board as well, and one that means harm may have
+  // made it say that nobody sleeps there.
+  board_->bells().wakeAll();
   return !serverLeft() && (!options_.serverAlive || options_.serverAlive());
+}
+
+void ClientChannel::serverIsGone() const {
+  gone_->store(true, std::memory_order_seq_cst);
+  memory_.control().clientBell.bell().wake(1);
 }
 
 Error ClientChannel::serverGone() {
@@ -58,7 +76,8 @@ Error ClientChannel::serverGone() {
     return breakChannel(
         makeError(RiError::kSystem, "the server has refused this channel: it found bad values in it"));
   }
-  if (serverLeft()) return breakChannel(makeError(RiError::kSystem, "the server has left"));
+  if (!gone_->load(std::memory_order_seq_cst) && serverLeft())
+    return breakChannel(makeError(RiError::kSystem, "the server has left"));
   return breakChannel(makeError(RiError::kSystem, "the server process is gone"));
 }
 
@@ -96,10 +115,12 @@ Result<void> ClientChannel::submit(uint32_t block) {
   // free: the server read it before it finished the block that it held (SYNC POINT 4).
   memory_.state(block).store(blockState(book.use, BlockPhase::kSubmitted), std::memory_order_relaxed);
   memory_.ringSlot(tail_).store(block, std::memory_order_relaxed);
+  TailLine& tail = memory_.control().tail;
+  const uint32_t processor = currentProcessor();
+  tail.processor.store(processor, std::memory_order_relaxed);
   // SYNC POINT 3: publishes contents, state and slot; pairs with the seq_cst load of tail in ChannelServer.
-  // seq_cst rather than release for the doorbell (SYNC POINT 1).
-  memory_.control().tail.value.store(++tail_, std::memory_order_seq_cst);
-  board_->bell().ring(1);
+  tail.value.store(++tail_, std::memory_order_release);
+  board_->bells().ringOne(processor);
   return {};
 }
 
@@ -108,7 +129,7 @@ BlockStatus ClientChannel::look(uint32_t block) {
   if (book.phase == BlockPhase::kDone) return BlockStatus::kDone;
   if (book.phase == BlockPhase::kFailed) return BlockStatus::kFailed;
   if (error_) return BlockStatus::kBroken;
-  // SYNC POINT 4: pairs with the seq_cst store in ChannelServer::complete; the answer is visible after it.
+  // SYNC POINT 4: pairs with the release store in ChannelServer::complete; the answer is visible after it.
   const uint64_t state = memory_.state(block).load(std::memory_order_seq_cst);
   if (state == blockState(book.use, BlockPhase::kSubmitted) ||
       state == blockState(book.use, BlockPhase::kRunning)) {
@@ -162,7 +183,7 @@ Result<uint32_t> ClientChannel::waitAny(std::span<const uint32_t> blocks) {
   };
   auto ready = [&] { return find() || error_.has_value() || serverLeft(); };
   waitAtDoorbell(
-      memory_.control().clientBell, options_.wait, kForever, ready, [&] { return serverAlive(); },
+      memory_.control().clientBell.bell(), options_.wait, kForever, ready, [&] { return serverAlive(); },
       &blockSpins_);
   // Once more: what the server answered before it left counts.
   if (find()) return settled;
@@ -185,16 +206,17 @@ Result<uint32_t> ClientChannel::call(std::span<const std::byte> request, std::sp
     return makeError(RiError::kRange, "a request of {} bytes does not fit the mailbox", request.size());
   }
   MailboxLine& box = memory_.control().mailbox;
-  if (!request.empty()) std::memcpy(box.payload, request.data(), request.size());
+  copyShortOrAny(box.payload, request.data(), request.size());
   box.size.store(uint32_t(request.size()), std::memory_order_relaxed);
   const uint32_t posted = mailState_ + 1;
-  // SYNC POINT 5: publishes payload and size; pairs with the seq_cst load in ChannelServer::serveChannel.
-  box.state.store(posted, std::memory_order_seq_cst);
-  board_->bell().ring(1);
-  // SYNC POINT 5, back: pairs with the server's seq_cst store of the next even value.
+  // SYNC POINT 5: publishes payload and size; pairs with the seq_cst load in ChannelServer::serveMail.
+  box.state.store(posted, std::memory_order_release);
+  board_->bells().ringOne(currentProcessor());
+  // SYNC POINT 5, back: pairs with the server's release store of the next even value.
   auto answered = [&] { return box.state.load(std::memory_order_seq_cst) != posted; };
   auto ready = [&] { return answered() || serverLeft(); };
-  waitAtDoorbell(memory_.control().clientBell, options_.wait, kForever, ready, [&] { return serverAlive(); });
+  waitAtDoorbell(memory_.control().clientBell.bell(), options_.wait, kForever, ready,
+                 [&] { return serverAlive(); });
   const uint32_t state = box.state.load(std::memory_order_seq_cst);
   if (state == posted) return serverGone();
   const uint32_t word = box.size.load(std::memory_order_relaxed);
@@ -207,7 +229,7 @@ Result<uint32_t> ClientChannel::call(std::span<const std::byte> request, std::sp
   if (word & kMailFailed) return makeError(RiError::kIncapable, "the server could not answer");
   if (size > answer.size())
     return makeError(RiError::kRange, "an answer of {} bytes, room for {}", size, answer.size());
-  if (size > 0) std::memcpy(answer.data(), box.payload, size);
+  copyShortOrAny(answer.data(), box.payload, size);
   return size;
 }
 

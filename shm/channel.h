@@ -29,10 +29,10 @@ enum class BlockStatus {
 /// Invariants: a block is in the ring at most once; the client never believes a word of shared memory: it
 /// keeps its own phase and use count of each block, and any other value than the two or three that the
 /// protocol allows makes the channel broken for good, with an Error. Crash of the server: waits end with an
-/// Error within about WaitPolicy::recheck; a channel is not repaired: make a new one with the next server and
-/// submit again (the bytes that were submitted are still in data(); the server may have overwritten part of a
-/// block that it had taken, so keep what you need to ask again). Crash of the client: the server notices by
-/// its own means (ChannelServer::remove, the alive callback).
+/// Error within about WaitPolicy::recheck, or at once when somebody who knows calls serverIsGone(); a channel
+/// is not repaired: make a new one with the next server and submit again (what was asked is still in data():
+/// the server cannot write into ChannelConfig::questionBytes; what lies behind it may be anything). Crash of
+/// the client: the server notices by its own means (ChannelServer::remove, the alive callback).
 class ClientChannel {
  public:
   struct Options {
@@ -75,6 +75,9 @@ class ClientChannel {
   /// kSystem (the server is gone), the channel's error.
   Result<uint32_t> call(std::span<const std::byte> request, std::span<std::byte> answer);
 
+  /// The server is known to be dead: waits end at once, and so does everything else. From any thread.
+  void serverIsGone() const;
+
   /// Set once the channel is broken.
   const std::optional<Error>& error() const { return error_; }
 
@@ -94,7 +97,8 @@ class ClientChannel {
   std::shared_ptr<ServerBoard> board_;  // null when moved from
   Options options_;
   std::vector<BlockBook> books_;
-  std::vector<uint32_t> free_;  // last released first: its lines are still in our cache
+  std::vector<uint32_t> free_;               // last released first: its lines are still in our cache
+  std::unique_ptr<std::atomic<bool>> gone_;  // serverIsGone()
   uint32_t idlePolls_ = 0;
   SpinHistory blockSpins_;  // mail is always waited for in full: see ChannelServer::run
   uint64_t tail_ = 0;

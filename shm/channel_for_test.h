@@ -57,8 +57,8 @@ class AddOneHandler : public ChannelHandler {
 /// A server with its threads in this process.
 class ServerForTest {
  public:
-  explicit ServerForTest(ChannelHandler& handler, int threads, WaitPolicy wait = {}) {
-    server = std::move(*ChannelServer::create(handler, {wait}));
+  explicit ServerForTest(ChannelHandler& handler, int threads) {
+    server = std::move(*ChannelServer::create(handler));
     for (int i = 0; i < threads; ++i) {
       threads_.emplace_back([this] { server->run(); });
     }
@@ -72,12 +72,12 @@ class ServerForTest {
     threads_.clear();
     server.reset();
   }
-  ClientChannel connect(ClientChannel::Options options = {}, std::function<bool()> clientAlive = {}) {
+  ClientChannel connect(ClientChannel::Options options = {}) {
     Result<ClientChannel> c = ClientChannel::create(server->board(), std::move(options));
     FR_CHECK(c.ok());
     Result<FileDescriptor> fd = c->share();
     FR_CHECK(fd.ok());
-    Result<uint64_t> id = server->add(std::move(*fd), nullptr, std::move(clientAlive));
+    Result<uint64_t> id = server->add(std::move(*fd));
     FR_CHECK(id.ok());
     return std::move(*c);
   }

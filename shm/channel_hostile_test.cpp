@@ -33,8 +33,9 @@ TEST(HostileHeader, IsRefusedOrHarmless) {
       const uint32_t good = *word;
       if (good == uint32_t(bad)) continue;
       *word = uint32_t(bad);
-      const Result<ChannelMemory> a = ChannelMemory::attach(std::move(*m->share()));
-      const bool matters = offset < offsetof(ChannelHeader, creatorPid);
+      const Result<ChannelMemory> a = ChannelMemory::attach(std::move(*m->share()), ChannelSide::kServer);
+      const bool matters = offset < sizeof(ChannelHeader) - sizeof(ChannelHeader::pad) &&
+                           offset != offsetof(ChannelHeader, creatorPid);
       EXPECT_EQ(a.ok(), !matters) << "offset " << offset << " value " << bad;
       if (a.ok()) {
         EXPECT_EQ(a->blockCount(), 5u);
@@ -53,11 +54,12 @@ TEST(HostileHeader, MemoryThatIsTooSmallIsRefused) {
     Result<Segment> s = Segment::attach(fd->duplicate(), Access::kReadWrite, {.reserve = 0});
     ASSERT_TRUE(s.ok());
     std::memcpy(s->data(), &m->control(), sizeof(ChannelControl));
-    EXPECT_EQ(ChannelMemory::attach(std::move(*fd)).error().code, RiError::kBadFile) << bytes;
+    EXPECT_EQ(ChannelMemory::attach(std::move(*fd), ChannelSide::kServer).error().code, RiError::kBadFile)
+        << bytes;
   }
   Result<FileDescriptor> nothing = createSealedMemory("none", 0);
   ASSERT_TRUE(nothing.ok());
-  EXPECT_FALSE(ChannelMemory::attach(nothing->duplicate()).ok());
+  EXPECT_FALSE(ChannelMemory::attach(nothing->duplicate(), ChannelSide::kServer).ok());
   EXPECT_FALSE(ServerBoard::attach(nothing->duplicate()).ok());
 }
 
@@ -65,7 +67,7 @@ TEST(HostileHeader, MemoryThatIsTooSmallIsRefused) {
 struct BareClient {
   explicit BareClient(ChannelServer& server, ChannelConfig config = {4, 64})
       : memory(std::move(*ChannelMemory::create(config))) {
-    id = *server.add(std::move(*memory.share()), nullptr, {});
+    id = *server.add(std::move(*memory.share()));
   }
   void push(uint64_t position, uint32_t index, uint64_t state) {
     if (index < memory.blockCount()) memory.state(index).store(state);
@@ -79,9 +81,9 @@ struct BareClient {
 
 TEST(HostileClient, EachBreachOfTheRulesEndsItsChannelOnly) {
   AddOneHandler handler;
-  auto server = std::move(*ChannelServer::create(handler, {}));
+  auto server = std::move(*ChannelServer::create(handler));
   Result<ClientChannel> honest = ClientChannel::create(server->board(), {.config = {2, 64}});
-  ASSERT_TRUE(honest.ok() && server->add(std::move(*honest->share()), nullptr, {}).ok());
+  ASSERT_TRUE(honest.ok() && server->add(std::move(*honest->share())).ok());
   auto honestStillServed = [&] {
     const auto b = honest->acquire();
     fillQuestion(honest->data(*b), 3, 8);
@@ -155,7 +157,7 @@ class HoldingHandler : public AddOneHandler {
 
 TEST(HostileClient, CannotHaveABlockRunTwiceAtOnce) {
   HoldingHandler handler;
-  auto server = std::move(*ChannelServer::create(handler, {}));
+  auto server = std::move(*ChannelServer::create(handler));
   BareClient c(*server);
   c.push(0, 2, blockState(1, BlockPhase::kSubmitted));
   server->serveOnce();
@@ -187,7 +189,7 @@ TEST(HostileClient, RandomScribblingHurtsNobodyElse) {
           const uint64_t bad = random() % 2 ? random() : kBadWords[random() % std::size(kBadWords)];
           wordAt(c.memory, random() % words * 8).store(bad);
         }
-        server.server->board()->bell().ring(1);
+        server.server->board()->bells().ringOne(0);
       }
       server.server->remove(c.id);
     }
@@ -200,12 +202,12 @@ TEST(HostileClient, RandomScribblingHurtsNobodyElse) {
 
 TEST(HostileClient, RandomBytesOnTheBoardOnlyCostTime) {
   AddOneHandler handler;
-  ServerForTest server(handler, 2, {.recheck = std::chrono::milliseconds(2)});
+  ServerForTest server(handler, 2);
   std::atomic<bool> stop{false};
   std::thread scribbler([&] {
     std::mt19937 random(2);
-    Doorbell& bell = server.server->board()->bell();
     while (!stop) {
+      const Doorbell bell = server.server->board()->bells().bell(uint32_t(random()));
       bell.sleepers.store(uint32_t(random() % 2 ? 0 : random()));
       bell.sequence.store(uint32_t(random()));
       std::this_thread::yield();
@@ -225,7 +227,7 @@ TEST(HostileServer, AnImpossibleStateBreaksTheChannelWithAnError) {
     auto board = ServerBoard::create();
     Result<ClientChannel> c = ClientChannel::create(*board, {.config = {2, 64}});
     ASSERT_TRUE(c.ok());
-    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()));
+    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()), ChannelSide::kServer);
     const auto b = c->acquire();
     ASSERT_TRUE(c->submit(*b).ok());
     EXPECT_EQ(c->poll(*b), BlockStatus::kPending);
@@ -247,13 +249,13 @@ TEST(HostileServer, AnImpossibleMailBreaksTheChannelWithAnError) {
     auto board = ServerBoard::create();
     Result<ClientChannel> c = ClientChannel::create(*board, {.config = {2, 64}});
     ASSERT_TRUE(c.ok());
-    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()));
+    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()), ChannelSide::kServer);
     MailboxLine& box = m->control().mailbox;
     std::thread server([&] {
       while (box.state.load() != 1) std::this_thread::yield();
       box.size.store(size);
       box.state.store(state);
-      m->control().clientBell.ring(1);
+      m->control().clientBell.bell().ring(1);
     });
     std::byte answer[kMailBytes];
     const Result<uint32_t> r = c->call({}, answer);
@@ -276,7 +278,7 @@ TEST(HostileServer, RandomScribblingEndsInAnErrorNotInAHang) {
                    return alive.load();
                  }});
     ASSERT_TRUE(c.ok());
-    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()));
+    const Result<ChannelMemory> m = ChannelMemory::attach(std::move(*c->share()), ChannelSide::kServer);
     std::thread server([&, seed = random()] {
       std::mt19937_64 r(seed);
       const uint64_t words = controlBytes(*m) / 8;

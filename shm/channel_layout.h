@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <type_traits>
 
 #include "shm/cache_line.h"
@@ -18,7 +19,7 @@ namespace fr::shm {
 
 inline constexpr uint64_t kChannelMagic = 0x314e414843525246ull;  // "FRRCHAN1"
 inline constexpr uint64_t kBoardMagic = 0x31445242'43525246ull;   // "FRRCBRD1"
-inline constexpr uint32_t kChannelVersion = 2;
+inline constexpr uint32_t kChannelVersion = 3;
 inline constexpr uint32_t kMaxBlocks = 1024;
 inline constexpr uint64_t kMaxBlockBytes = 1ull << 30;
 inline constexpr uint32_t kMailBytes = 112;
@@ -50,14 +51,15 @@ struct ChannelHeader {
   uint32_t blockCount;
   uint64_t fingerprint;
   uint64_t totalBytes;
-  uint64_t blockBytes;    // usable bytes of a block
-  uint64_t blockStride;   // bytes from block to block, a multiple of kCacheLine
-  uint64_t stateOffset;   // BlockLine[blockCount]
-  uint64_t ringOffset;    // std::atomic<uint32_t>[ringCapacity]
-  uint64_t blockOffset;   // first block, page aligned
-  uint32_t ringCapacity;  // power of two >= blockCount
-  uint32_t creatorPid;    // for messages only: a pid is not an identity
-  uint8_t pad[kCacheLine - 80];
+  uint64_t blockBytes;     // usable bytes of a block
+  uint64_t blockStride;    // bytes from block to block, a multiple of kCacheLine
+  uint64_t stateOffset;    // BlockLine[blockCount]
+  uint64_t ringOffset;     // std::atomic<uint32_t>[ringCapacity]
+  uint64_t blockOffset;    // first block, page aligned
+  uint32_t ringCapacity;   // power of two >= blockCount
+  uint32_t creatorPid;     // for messages only: a pid is not an identity
+  uint64_t questionBytes;  // the first so many bytes of a block are the client's alone to write
+  uint8_t pad[kCacheLine - 88];
 };
 static_assert(sizeof(ChannelHeader) == kCacheLine && offsetof(ChannelHeader, creatorPid) == 76);
 
@@ -66,6 +68,14 @@ template <class Word>
 struct alignas(kCacheLine) LonelyWord {
   std::atomic<Word> value;
   uint8_t pad[kCacheLine - sizeof(Word)];
+};
+
+/// What a client has submitted.
+struct alignas(kCacheLine) TailLine {
+  std::atomic<uint64_t> value;  // blocks submitted so far; never wraps
+  std::atomic<uint32_t>
+      processor;  // on which the client ran when it last submitted: a hint, see ChannelServer
+  uint8_t pad[kCacheLine - 12];
 };
 
 /// One request or answer of up to kMailBytes, both in the same two lines. Payloads up to 48 bytes touch one
@@ -78,15 +88,25 @@ struct alignas(kCacheLine) MailboxLine {
   std::byte payload[kMailBytes];
 };
 inline constexpr uint32_t kMailFailed = 1u << 31;
+inline constexpr uint32_t kShortMail = 48;  // with the words before it, one 64-byte line
+
+/// Copies a mail of `size` bytes between two places that have kMailBytes each. Bytes behind it may come
+/// along: a fixed size takes a few instructions.
+inline void copyMail(std::byte* to, const std::byte* from, uint32_t size) {
+  if (size <= kShortMail)
+    std::memcpy(to, from, kShortMail);
+  else
+    std::memcpy(to, from, kMailBytes);
+}
 static_assert(sizeof(MailboxLine) == kCacheLine && offsetof(MailboxLine, payload) == 16);
 
 struct ChannelControl {
   ChannelHeader header;
-  LonelyWord<uint64_t> tail;         // written by the client: blocks submitted so far; never wraps
+  TailLine tail;                     // written by the client
   LonelyWord<uint64_t> head;         // written by the server: blocks taken out so far; for observers
   LonelyWord<uint32_t> clientState;  // SideState, written by the client
   LonelyWord<uint32_t> serverState;  // SideState, written by the server
-  Doorbell clientBell;               // the client parks here
+  DoorbellLine clientBell;           // the client parks here
   MailboxLine mailbox;
 };
 static_assert(std::is_standard_layout_v<ChannelControl> && sizeof(ChannelControl) == 7 * kCacheLine);
@@ -109,23 +129,25 @@ struct ServerBoardControl {
   uint64_t fingerprint;
   uint8_t pad[kCacheLine - 24];
   LonelyWord<uint32_t> serverState;  // SideState
-  Doorbell bell;
+  DoorbellRow bells;
 };
 static_assert(std::is_standard_layout_v<ServerBoardControl> && sizeof(ServerBoardControl) == 3 * kCacheLine &&
-              offsetof(ServerBoardControl, serverState) == 128 && offsetof(ServerBoardControl, bell) == 256);
+              offsetof(ServerBoardControl, serverState) == 128 && offsetof(ServerBoardControl, bells) == 256);
 
 /// Equal in two builds exactly when they agree about every byte above.
 constexpr uint64_t channelFingerprint() {
   return layoutHash(
       kChannelVersion, kCacheLine, kMaxBlocks, kMaxBlockBytes, kMailBytes, kPhaseBits, sizeof(ChannelHeader),
       offsetof(ChannelHeader, blockCount), offsetof(ChannelHeader, totalBytes),
-      offsetof(ChannelHeader, stateOffset), offsetof(ChannelHeader, ringCapacity), sizeof(ChannelControl),
-      alignof(ChannelControl), offsetof(ChannelControl, tail), offsetof(ChannelControl, head),
+      offsetof(ChannelHeader, stateOffset), offsetof(ChannelHeader, ringCapacity),
+      offsetof(ChannelHeader, questionBytes), sizeof(ChannelControl), alignof(ChannelControl),
+      offsetof(ChannelControl, tail), offsetof(TailLine, processor), offsetof(ChannelControl, head),
       offsetof(ChannelControl, clientState), offsetof(ChannelControl, serverState),
       offsetof(ChannelControl, clientBell), offsetof(ChannelControl, mailbox), sizeof(BlockLine),
-      sizeof(MailboxLine), offsetof(MailboxLine, size), offsetof(MailboxLine, payload), sizeof(Doorbell),
-      offsetof(Doorbell, sleepers), sizeof(ServerBoardControl), offsetof(ServerBoardControl, serverState),
-      offsetof(ServerBoardControl, bell), uint64_t(BlockPhase::kFailed), 0x0102030405060708ull);
+      sizeof(MailboxLine), offsetof(MailboxLine, size), offsetof(MailboxLine, payload), sizeof(DoorbellLine),
+      offsetof(DoorbellLine, sleepers), sizeof(ServerBoardControl), offsetof(ServerBoardControl, serverState),
+      offsetof(ServerBoardControl, bells), sizeof(DoorbellRow), DoorbellRow::kBells,
+      uint64_t(BlockPhase::kFailed), 0x0102030405060708ull);
 }
 
 }  // namespace fr::shm

@@ -1,33 +1,39 @@
 #include "shm/channel_memory.h"
 
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <bit>
+#include <cerrno>
+#include <cstring>
 #include <new>
 
 namespace fr::shm {
 namespace {
 
 /// For memory that has an exact size: the usual padding of segments plays no part.
-constexpr uint64_t kPage = 4096;
+constexpr uint64_t kPage = kQuestionPage;
 
-/// Geometry follows from the two numbers of the config; both sides compute it and compare.
+/// Geometry follows from the three numbers of the config; both sides compute it and compare.
 struct Geometry {
   uint64_t stateOffset, ringOffset, blockOffset, blockStride, totalBytes;
   uint32_t ringCapacity;
 };
 
-bool validConfig(uint64_t blockCount, uint64_t blockBytes) {
-  return blockCount >= 1 && blockCount <= kMaxBlocks && blockBytes >= 1 && blockBytes <= kMaxBlockBytes;
+bool validConfig(const ChannelConfig& c) {
+  return c.blockCount >= 1 && c.blockCount <= kMaxBlocks && c.blockBytes >= 1 &&
+         c.blockBytes <= kMaxBlockBytes && c.questionBytes <= c.blockBytes &&
+         c.questionBytes % kQuestionPage == 0;
 }
 
-Geometry geometryOf(uint32_t blockCount, uint64_t blockBytes) {
+Geometry geometryOf(const ChannelConfig& config) {
+  const uint32_t blockCount = config.blockCount;
   Geometry g{};
   g.ringCapacity = std::bit_ceil(blockCount);
   g.stateOffset = sizeof(ChannelControl);
   g.ringOffset = g.stateOffset + uint64_t(blockCount) * sizeof(BlockLine);
   g.blockOffset = roundUp(g.ringOffset + uint64_t(g.ringCapacity) * sizeof(uint32_t), kPage);
-  g.blockStride = roundUp(blockBytes, kCacheLine);
+  g.blockStride = roundUp(config.blockBytes, config.questionBytes ? kPage : kCacheLine);
   // One page of surplus: segments keep their last kEndPadding bytes to themselves.
   g.totalBytes = roundUp(g.blockOffset + g.blockStride * blockCount, kPage) + kPage;
   return g;
@@ -44,11 +50,11 @@ SegmentOptions optionsFor(const char* name) {
 }  // namespace
 
 Result<ChannelMemory> ChannelMemory::create(const ChannelConfig& config) {
-  if (!validConfig(config.blockCount, config.blockBytes)) {
-    return makeError(RiError::kRange, "a channel cannot have {} blocks of {} bytes", config.blockCount,
-                     config.blockBytes);
+  if (!validConfig(config)) {
+    return makeError(RiError::kRange, "a channel cannot have {} blocks of {} bytes, {} of them questions",
+                     config.blockCount, config.blockBytes, config.questionBytes);
   }
-  const Geometry g = geometryOf(config.blockCount, config.blockBytes);
+  const Geometry g = geometryOf(config);
   Result<FileDescriptor> fd = createSealedMemory("frankenrender-channel", g.totalBytes);
   if (!fd) return std::move(fd).error().context("channel");
   {
@@ -68,12 +74,13 @@ Result<ChannelMemory> ChannelMemory::create(const ChannelConfig& config) {
     h.blockOffset = g.blockOffset;
     h.ringCapacity = g.ringCapacity;
     h.creatorPid = uint32_t(::getpid());
+    h.questionBytes = config.questionBytes;
     h.magic.store(kChannelMagic, std::memory_order_release);  // SYNC POINT 2: pairs with attach()
   }
-  return attach(std::move(*fd));
+  return attach(std::move(*fd), ChannelSide::kClient);
 }
 
-Result<ChannelMemory> ChannelMemory::attach(FileDescriptor fd) {
+Result<ChannelMemory> ChannelMemory::attach(FileDescriptor fd, ChannelSide side) {
   Result<Segment> s = Segment::attach(std::move(fd), Access::kReadWrite, optionsFor("channel"));
   if (!s) return std::move(s).error();
   if (s->size() < sizeof(ChannelControl)) return makeError(RiError::kBadFile, "channel: too small");
@@ -91,13 +98,13 @@ Result<ChannelMemory> ChannelMemory::attach(FileDescriptor fd) {
         "channel: the other process speaks version {} (layout {:016x}), this one version {} ({:016x})",
         version, fingerprint, kChannelVersion, channelFingerprint());
   }
-  const uint32_t blockCount = h.blockCount;
-  const uint64_t blockBytes = h.blockBytes;
-  if (!validConfig(blockCount, blockBytes)) {
-    return makeError(RiError::kBadFile, "channel: {} blocks of {} bytes", blockCount, blockBytes);
+  const ChannelConfig config{h.blockCount, h.blockBytes, h.questionBytes};
+  if (!validConfig(config)) {
+    return makeError(RiError::kBadFile, "channel: {} blocks of {} bytes, {} of them questions",
+                     config.blockCount, config.blockBytes, config.questionBytes);
   }
   // What we use is what we compute; the header must agree with it, and the memory must be there.
-  const Geometry g = geometryOf(blockCount, blockBytes);
+  const Geometry g = geometryOf(config);
   if (h.stateOffset != g.stateOffset || h.ringOffset != g.ringOffset || h.blockOffset != g.blockOffset ||
       h.blockStride != g.blockStride || h.ringCapacity != g.ringCapacity || h.totalBytes != g.totalBytes ||
       s->size() < g.totalBytes - kPage) {
@@ -108,11 +115,18 @@ Result<ChannelMemory> ChannelMemory::attach(FileDescriptor fd) {
   m.ring_ = reinterpret_cast<std::atomic<uint32_t>*>(s->data() + g.ringOffset);
   m.blocks_ = s->data() + g.blockOffset;
   m.ringMask_ = g.ringCapacity - 1;
-  m.blockBytes_ = blockBytes;
+  m.blockBytes_ = config.blockBytes;
+  m.questionBytes_ = config.questionBytes;
   m.blockStride_ = g.blockStride;
-  m.blockCount_ = blockCount;
+  m.blockCount_ = config.blockCount;
   m.creatorPid_ = h.creatorPid;
   m.segment_ = std::move(*s);
+  if (side == ChannelSide::kServer && config.questionBytes > 0) {
+    for (uint32_t b = 0; b < config.blockCount; ++b)
+      if (::mprotect(m.block(b).data(), config.questionBytes, PROT_READ) != 0)
+        return makeError(RiError::kNoMem, "channel: its questions cannot be protected: {}",
+                         std::strerror(errno));
+  }
   return m;
 }
 

@@ -56,11 +56,11 @@ TEST_P(ChannelModelTest, DoesWhatTheModelDoes) {
   std::mt19937 random(blocks * 7919);
   ModelHandler handler;
   handler.random = &random;
-  auto server = std::move(*ChannelServer::create(handler, {}));
+  auto server = std::move(*ChannelServer::create(handler));
   Result<ClientChannel> created = ClientChannel::create(server->board(), {.config = {blocks, 8}});
   ASSERT_TRUE(created.ok());
   ClientChannel& c = *created;
-  ASSERT_TRUE(server->add(std::move(*c.share()), nullptr, {}).ok());
+  ASSERT_TRUE(server->add(std::move(*c.share())).ok());
 
   enum class Phase { kFree, kFilling, kOut, kSettled };
   std::vector<Phase> phase(blocks, Phase::kFree);
@@ -148,10 +148,10 @@ INSTANTIATE_TEST_SUITE_P(Sizes, ChannelModelTest,
 TEST(ChannelWrap, EverySizeManyTimesAround) {
   for (uint32_t blocks = 1; blocks <= 33; ++blocks) {
     AddOneHandler handler;
-    auto server = std::move(*ChannelServer::create(handler, {}));
+    auto server = std::move(*ChannelServer::create(handler));
     Result<ClientChannel> c = ClientChannel::create(server->board(), {.config = {blocks, 64}});
     ASSERT_TRUE(c.ok());
-    ASSERT_TRUE(server->add(std::move(*c->share()), nullptr, {}).ok());
+    ASSERT_TRUE(server->add(std::move(*c->share())).ok());
     for (uint32_t round = 0; round < 100; ++round) {
       // Fill the ring to the brim, drain it to the bottom.
       std::vector<uint32_t> out;

@@ -1,5 +1,7 @@
 #include "shm/channel_server.h"
 
+#include <sched.h>
+
 #include <array>
 #include <climits>
 #include <cstring>
@@ -18,19 +20,20 @@ class ServerChannel {
     uint64_t use = 0;  // of the last submission taken; belongs to the holder of `claim`
   };
 
-  ServerChannel(uint64_t channelId, void* userData, ChannelMemory m, std::function<bool()> alive)
-      : id(channelId),
-        user(userData),
-        memory(std::move(m)),
-        clientAlive(std::move(alive)),
-        blocks(memory.blockCount()) {}
+  ServerChannel(uint64_t channelId, void* userData, ChannelMemory m)
+      : id(channelId), user(userData), memory(std::move(m)), blocks(memory.blockCount()) {}
 
+  /// Anything in the ring?
+  bool hasBlocks() const {
+    return memory.control().tail.value.load(std::memory_order_seq_cst) !=
+           head.load(std::memory_order_seq_cst);
+  }
   /// Anything that a thread could do here now? Cheap, may be wrong for a moment. All loads are seq_cst: SYNC
   /// POINT 1.
   bool hasWork() const {
     if (ended.load(std::memory_order_seq_cst)) return false;
     const ChannelControl& c = memory.control();
-    return c.tail.value.load(std::memory_order_seq_cst) != head.load(std::memory_order_seq_cst) ||
+    return hasBlocks() ||
            c.mailbox.state.load(std::memory_order_seq_cst) != mailSeen.load(std::memory_order_seq_cst) ||
            c.clientState.value.load(std::memory_order_seq_cst) != uint32_t(SideState::kOpen);
   }
@@ -38,7 +41,6 @@ class ServerChannel {
   const uint64_t id;
   void* const user;
   const ChannelMemory memory;
-  const std::function<bool()> clientAlive;
 
   std::atomic<bool> ended{false};
   /// Held while one block is taken out of the ring; guards head and Block::use.
@@ -56,9 +58,8 @@ class ServerChannel {
 namespace {
 
 constexpr std::chrono::nanoseconds kForever{-1};
-constexpr std::chrono::seconds kBusyLook{1};
-// A thread that has had nothing to do for a while looks up no more often than this.
-constexpr std::chrono::milliseconds kIdleRecheck{320};
+/// A channel that has not moved for so long is served by whoever comes by.
+constexpr std::chrono::milliseconds kLeftAlone{1};
 /// What a client loses at most when it is not woken for the first answer: as much as 50 wake-ups cost.
 constexpr std::chrono::nanoseconds kAnnounceAfter{500000};
 
@@ -87,18 +88,15 @@ struct Taken {
   uint32_t behind;
 };
 
-/// Whether what this thread served last was a mail.
-thread_local bool servedMail = false;
-
 /// After an answer: wakes the client if it sleeps, unless there is something better to wait for. A client
 /// that sleeps while it has more in the ring is woken when half of that is answered: then it has as much to
 /// do as we have, and neither waits for the other, and a shared processor changes hands once for many blocks.
 /// Never later than kAnnounceAfter if we still answer, and with the last block in any case: what is in the
 /// ring will be taken, and whoever takes the last one comes here.
 void announce(ServerChannel& ch, bool now) {
-  Doorbell& bell = ch.memory.control().clientBell;
-  // SYNC POINT 1, ringer's side: the answer was published with seq_cst.
-  if (bell.sleepers.load(std::memory_order_seq_cst) == 0) {
+  const Doorbell bell = ch.memory.control().clientBell.bell();
+  fullFence();  // SYNC POINT 1, ringer's side
+  if (bell.sleepers.load(std::memory_order_relaxed) == 0) {
     if (ch.unannounced.load(std::memory_order_relaxed) != 0)
       ch.unannounced.store(0, std::memory_order_relaxed);
     return;
@@ -114,14 +112,14 @@ void announce(ServerChannel& ch, bool now) {
       return;
   }
   ch.unannounced.store(0, std::memory_order_relaxed);
-  bell.ring(1);
+  bell.wake(1);
 }
 
 /// Takes the next block out of the ring. Nothing: none there, or another thread is at it. Sets `bad` when the
 /// client has written something impossible.
 std::optional<Taken> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
   ChannelControl& c = ch.memory.control();
-  // SYNC POINT 3: pairs with the client's seq_cst store of tail in ClientChannel::submit.
+  // SYNC POINT 3: pairs with the client's release store of tail in ClientChannel::submit.
   if (c.tail.value.load(std::memory_order_seq_cst) == ch.head.load(std::memory_order_relaxed))
     return std::nullopt;
   const Claim claim(ch.claim);
@@ -160,15 +158,17 @@ std::optional<Taken> takeBlock(ServerChannel& ch, std::optional<Error>& bad) {
 
 }  // namespace
 
-Result<std::unique_ptr<ChannelServer>> ChannelServer::create(ChannelHandler& handler, Options options) {
+Result<std::unique_ptr<ChannelServer>> ChannelServer::create(ChannelHandler& handler,
+                                                             std::chrono::nanoseconds spin) {
   Result<std::shared_ptr<ServerBoard>> board = ServerBoard::create();
   if (!board) return std::move(board).error();
-  return std::unique_ptr<ChannelServer>(new ChannelServer(handler, options, std::move(*board)));
+  return std::unique_ptr<ChannelServer>(new ChannelServer(handler, spin, std::move(*board)));
 }
 
-ChannelServer::ChannelServer(ChannelHandler& handler, Options options, std::shared_ptr<ServerBoard> board)
+ChannelServer::ChannelServer(ChannelHandler& handler, std::chrono::nanoseconds spin,
+                             std::shared_ptr<ServerBoard> board)
     : handler_(handler),
-      options_(options),
+      spin_(spin),
       board_(std::move(board)),
       channels_(std::make_shared<const Channels>()) {}
 
@@ -178,7 +178,7 @@ ChannelServer::~ChannelServer() {
   for (const auto& ch : *all) {
     // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
     ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
-    ch->memory.control().clientBell.ring(INT_MAX);
+    ch->memory.control().clientBell.bell().wake(INT_MAX);
   }
 }
 
@@ -189,20 +189,20 @@ std::shared_ptr<const ChannelServer::Channels> ChannelServer::channels() const {
 
 size_t ChannelServer::channelCount() const { return channels()->size(); }
 
-Result<uint64_t> ChannelServer::add(FileDescriptor fd, void* user, std::function<bool()> clientAlive) {
-  Result<ChannelMemory> memory = ChannelMemory::attach(std::move(fd));
+Result<uint64_t> ChannelServer::add(FileDescriptor fd, void* user) {
+  Result<ChannelMemory> memory = ChannelMemory::attach(std::move(fd), ChannelSide::kServer);
   if (!memory) return std::move(memory).error();
   uint64_t id = 0;
   {
     const std::lock_guard lock(mutex_);
     id = nextId_++;
     auto next = std::make_shared<Channels>(*channels_);
-    next->push_back(std::make_shared<ServerChannel>(id, user, std::move(*memory), std::move(clientAlive)));
+    next->push_back(std::make_shared<ServerChannel>(id, user, std::move(*memory)));
     channels_ = std::move(next);
   }
   // SYNC POINT 9: pairs with the seq_cst loads of channelsVersion_ in run().
   channelsVersion_.fetch_add(1, std::memory_order_seq_cst);
-  board_->bell().ring(INT_MAX);
+  board_->bells().wakeAll();
   return id;
 }
 
@@ -215,7 +215,7 @@ void ChannelServer::detach(uint64_t channelId) {
   }
   // Wakes all, so that no parked thread keeps the channel's memory mapped. SYNC POINT 9.
   channelsVersion_.fetch_add(1, std::memory_order_seq_cst);
-  board_->bell().ring(INT_MAX);
+  board_->bells().wakeAll();
 }
 
 void ChannelServer::remove(uint64_t channelId) {
@@ -224,7 +224,7 @@ void ChannelServer::remove(uint64_t channelId) {
     if (ch->id != channelId || ch->ended.exchange(true, std::memory_order_seq_cst)) continue;
     // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
     ch->memory.control().serverState.value.store(uint32_t(SideState::kClosed), std::memory_order_seq_cst);
-    ch->memory.control().clientBell.ring(INT_MAX);
+    ch->memory.control().clientBell.bell().wake(INT_MAX);
     detach(channelId);
   }
 }
@@ -234,7 +234,7 @@ void ChannelServer::end(ServerChannel& ch, const Error* error) {
   // SYNC POINT 7: pairs with the seq_cst loads in ClientChannel::serverLeft.
   ch.memory.control().serverState.value.store(uint32_t(error ? SideState::kBroken : SideState::kClosed),
                                               std::memory_order_seq_cst);
-  ch.memory.control().clientBell.ring(INT_MAX);
+  ch.memory.control().clientBell.bell().wake(INT_MAX);
   detach(ch.id);
   handler_.channelEnded(ch.id, ch.user, error);
 }
@@ -248,89 +248,111 @@ void ChannelServer::complete(const ServedBlock& served, bool ok) {
   // keep to the order.
   uint64_t use = served.use;
   if (use == 0 || !block.running.compare_exchange_strong(use, 0, std::memory_order_acq_rel)) return;
-  // SYNC POINT 4: publishes the answer; pairs with the seq_cst load in ClientChannel::look. seq_cst rather
-  // than release for the doorbell (SYNC POINT 1).
+  // SYNC POINT 4: publishes the answer; pairs with the seq_cst load in ClientChannel::look.
   ch.memory.state(served.index)
-      .store(blockState(use, ok ? BlockPhase::kDone : BlockPhase::kFailed), std::memory_order_seq_cst);
+      .store(blockState(use, ok ? BlockPhase::kDone : BlockPhase::kFailed), std::memory_order_release);
   announce(ch, false);
 }
 
-size_t ChannelServer::serveChannel(const std::shared_ptr<ServerChannel>& channel) {
-  ServerChannel& ch = *channel;
-  if (ch.ended.load(std::memory_order_acquire)) return 0;
+bool ChannelServer::serveMail(ServerChannel& ch, std::optional<Error>& bad) {
   ChannelControl& c = ch.memory.control();
-  size_t served = 0;
-  std::optional<Error> bad;
-
-  // The mailbox first: somebody stands still until it is answered.
   MailboxLine& box = c.mailbox;
-  if (box.state.load(std::memory_order_seq_cst) != ch.mailSeen.load(std::memory_order_relaxed)) {
-    if (const Claim claim(ch.mailClaim); claim) {
-      const uint32_t seen = ch.mailSeen.load(std::memory_order_relaxed);
-      // SYNC POINT 5: pairs with the client's seq_cst store in ClientChannel::call.
-      const uint32_t state = box.state.load(std::memory_order_seq_cst);
-      const uint32_t size = box.size.load(std::memory_order_relaxed);
-      if (state == seen + 1 && size <= kMailBytes) {
-        ch.mailSeen.store(state, std::memory_order_relaxed);
-        alignas(16) std::array<std::byte, kMailBytes> request;
-        alignas(16) std::array<std::byte, kMailBytes> answer;
-        std::memcpy(request.data(), box.payload, size);  // private: the client may write on
-        const int n = handler_.serveMail(ch.id, ch.user, std::span(request).first(size), answer);
-        const bool ok = n >= 0 && n <= int(kMailBytes);
-        if (ok) std::memcpy(box.payload, answer.data(), size_t(n));
-        box.size.store(ok ? uint32_t(n) : kMailFailed, std::memory_order_relaxed);
-        ch.mailSeen.store(state + 1, std::memory_order_relaxed);
-        // SYNC POINT 5, back: publishes the answer.
-        box.state.store(state + 1, std::memory_order_seq_cst);
-        c.clientBell.ring(1);
-        servedMail = true;
-        ++served;
-      } else if (state != seen) {
-        bad = makeError(RiError::kConsistency, "its mailbox is in state {} after {}, size {}", state, seen,
-                        size);
+  if (box.state.load(std::memory_order_seq_cst) == ch.mailSeen.load(std::memory_order_relaxed)) return false;
+  const Claim claim(ch.mailClaim);
+  if (!claim) return false;
+  const uint32_t seen = ch.mailSeen.load(std::memory_order_relaxed);
+  // SYNC POINT 5: pairs with the client's release store in ClientChannel::call.
+  const uint32_t state = box.state.load(std::memory_order_seq_cst);
+  if (state == seen) return false;
+  const uint32_t size = box.size.load(std::memory_order_relaxed);
+  if (state != seen + 1 || size > kMailBytes) {
+    bad = makeError(RiError::kConsistency, "its mailbox is in state {} after {}, size {}", state, seen, size);
+    return false;
+  }
+  ch.mailSeen.store(state, std::memory_order_relaxed);
+  alignas(16) std::array<std::byte, kMailBytes> request;
+  alignas(16) std::array<std::byte, kMailBytes> answer{};  // what is copied shall tell nothing
+  copyMail(request.data(), box.payload, size);             // private: the client may write on
+  const int n = handler_.serveMail(ch.id, ch.user, std::span(request).first(size), answer);
+  const bool ok = n >= 0 && n <= int(kMailBytes);
+  if (ok) copyMail(box.payload, answer.data(), uint32_t(n));
+  box.size.store(ok ? uint32_t(n) : kMailFailed, std::memory_order_relaxed);
+  ch.mailSeen.store(state + 1, std::memory_order_relaxed);
+  // SYNC POINT 5, back: publishes the answer.
+  box.state.store(state + 1, std::memory_order_release);
+  c.clientBell.bell().ring(1);
+  handler_.mailAnswered();
+  return true;
+}
+
+bool ChannelServer::serveBlock(const std::shared_ptr<ServerChannel>& channel, std::optional<Error>& bad) {
+  ServerChannel& ch = *channel;
+  const std::optional<Taken> taken = takeBlock(ch, bad);
+  if (!taken) return false;
+  const ServedBlock block{ch.id,   ch.user,      taken->index, taken->use, ch.memory.block(taken->index),
+                          channel, taken->behind};
+  const Served result = handler_.serveBlock(block);
+  if (result != Served::kDeferred)
+    complete(block, result == Served::kDone);
+  else
+    announce(ch, true);  // nobody knows when this one will be answered: earlier ones must not wait for it
+  return true;
+}
+
+/// Whether the threads of another processor get on with a channel of theirs.
+bool ChannelServer::leaveToOthers(const ServerChannel& ch, Thread::Progress& seen) {
+  if (ch.memory.control().tail.processor.load(std::memory_order_relaxed) == currentProcessor()) return false;
+  const auto now = std::chrono::steady_clock::now();
+  const uint64_t head = ch.head.load(std::memory_order_relaxed);
+  if (head != seen.head) {
+    seen = {head, now};
+    return true;
+  }
+  return now - seen.moved < kLeftAlone;
+}
+
+/// Serves every channel once: its mail, and one block of it. Returns how many.
+size_t ChannelServer::serve(Thread& thread, Whose whose) {
+  const Channels& all = *thread.channels;
+  size_t served = 0;
+  // No clock, no division before the mailbox: a mail is answered in as much time as those take.
+  size_t index = thread.turn < all.size() ? thread.turn : 0;
+  thread.turn = index + 1;
+  for (size_t left = all.size(); left > 0; --left, index = index + 1 < all.size() ? index + 1 : 0) {
+    const std::shared_ptr<ServerChannel>& channel = all[index];
+    ServerChannel& ch = *channel;
+    if (ch.ended.load(std::memory_order_acquire)) continue;
+    std::optional<Error> bad;
+    size_t here = 0;
+    // The mailbox first: somebody stands still until it is answered.
+    if (serveMail(ch, bad)) thread.servedMail = true, ++here;
+    if (!bad && ch.hasBlocks() && (whose == Whose::kAll || !leaveToOthers(ch, thread.progress[index])) &&
+        serveBlock(channel, bad))
+      thread.servedMail = false, ++here;
+    if (!bad && here == 0) {
+      // SYNC POINT 6: pairs with the release store in ~ClientChannel.
+      const uint32_t client = ch.memory.control().clientState.value.load(std::memory_order_seq_cst);
+      if (client == uint32_t(SideState::kClosed)) {
+        end(ch, nullptr);
+      } else if (client != uint32_t(SideState::kOpen)) {
+        bad = makeError(RiError::kConsistency, "it says that the channel is broken (state {})", client);
       }
     }
-  }
-
-  if (!bad) {
-    if (const std::optional<Taken> taken = takeBlock(ch, bad)) {
-      const ServedBlock block{ch.id,   ch.user,      taken->index, taken->use, ch.memory.block(taken->index),
-                              channel, taken->behind};
-      servedMail = false;
-      const Served result = handler_.serveBlock(block);
-      if (result != Served::kDeferred)
-        complete(block, result == Served::kDone);
-      else
-        announce(ch, true);  // nobody knows when this one will be answered: earlier ones must not wait for it
-      ++served;
+    if (bad) {
+      const Error e =
+          std::move(*bad).context(fmt::format("ray channel {} of process {}", ch.id, ch.memory.creatorPid()));
+      end(ch, &e);
     }
-  }
-
-  if (!bad && served == 0) {
-    // SYNC POINT 6: pairs with the seq_cst store in ~ClientChannel.
-    const uint32_t client = c.clientState.value.load(std::memory_order_seq_cst);
-    if (client == uint32_t(SideState::kClosed)) {
-      end(ch, nullptr);
-    } else if (client != uint32_t(SideState::kOpen)) {
-      bad = makeError(RiError::kConsistency, "it says that the channel is broken (state {})", client);
-    }
-  }
-  if (bad) {
-    const Error e =
-        std::move(*bad).context(fmt::format("ray channel {} of process {}", ch.id, ch.memory.creatorPid()));
-    end(ch, &e);
+    served += here;
   }
   return served;
 }
 
-size_t ChannelServer::serve(const Channels& channels, size_t start) {
-  size_t served = 0;
-  for (size_t i = 0; i < channels.size(); ++i)
-    served += serveChannel(channels[(start + i) % channels.size()]);
-  return served;
+size_t ChannelServer::serveOnce() {
+  Thread thread;
+  thread.channels = channels();
+  return serve(thread, Whose::kAll);
 }
-
-size_t ChannelServer::serveOnce() { return serve(*channels(), 0); }
 
 bool ChannelServer::hasWork(const Channels& channels) const {
   for (const auto& ch : channels) {
@@ -339,55 +361,37 @@ bool ChannelServer::hasWork(const Channels& channels) const {
   return false;
 }
 
-void ChannelServer::lookAfterClients(const Channels& channels) {
-  for (const auto& ch : channels) {
-    if (!ch->clientAlive || ch->ended.load(std::memory_order_acquire) || ch->clientAlive()) continue;
-    const Error e = makeError(RiError::kSystem, "ray channel {}: its process {} is gone", ch->id,
-                              ch->memory.creatorPid());
-    end(*ch, &e);
-  }
-}
-
 void ChannelServer::run() {
-  using Clock = std::chrono::steady_clock;
-  std::shared_ptr<const Channels> mine;
-  uint64_t version = 0;
-  size_t turn = 0;
+  Thread thread;
   SpinHistory spins;
-  WaitPolicy policy = options_.wait;
-  policy.longestRecheck = kIdleRecheck;
-  Clock::time_point lastLook = Clock::now();
+  const WaitPolicy policy{spin_, kForever};
   while (!stop_.load(std::memory_order_seq_cst)) {
-    if (const uint64_t now = channelsVersion_.load(std::memory_order_seq_cst); !mine || now != version) {
-      version = now;
-      mine = channels();
+    if (const uint64_t now = channelsVersion_.load(std::memory_order_seq_cst);
+        !thread.channels || now != thread.version) {
+      thread.version = now;
+      thread.channels = channels();
+      thread.progress.assign(thread.channels->size(), {});
     }
-    if (serve(*mine, turn++) > 0) {
-      if (const Clock::time_point now = Clock::now(); now - lastLook >= kBusyLook) {
-        lastLook = now;
-        lookAfterClients(*mine);
-      }
-      continue;
+    if (serve(thread, Whose::kNear) > 0) continue;
+    // Before we fetch work from other processors: one of our own clients may be about to make some.
+    if (hasWork(*thread.channels)) {
+      ::sched_yield();
+      if (serve(thread, Whose::kAll) > 0) continue;
     }
     auto ready = [&] {
       return stop_.load(std::memory_order_seq_cst) ||
-             channelsVersion_.load(std::memory_order_seq_cst) != version || hasWork(*mine);
+             channelsVersion_.load(std::memory_order_seq_cst) != thread.version || hasWork(*thread.channels);
     };
+    // Who asks ray by ray comes back at once. Were both sides impatient, each would find the other asleep.
     waitAtDoorbell(
-        board_->bell(), policy, kForever, ready,
-        [&] {
-          lookAfterClients(*mine);
-          return true;
-        },
-        // Who asks ray by ray comes back at once. Were both sides impatient, each would find the other
-        // asleep.
-        servedMail ? nullptr : &spins);
+        board_->bells().bell(currentProcessor()), policy, kForever, ready, [] { return true; },
+        thread.servedMail ? nullptr : &spins);
   }
 }
 
 void ChannelServer::stop() {
   stop_.store(true, std::memory_order_seq_cst);
-  board_->bell().ring(INT_MAX);
+  board_->bells().wakeAll();
 }
 
 }  // namespace fr::shm

@@ -2,9 +2,10 @@
 #pragma once
 
 #include <atomic>
-#include <functional>
+#include <chrono>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -42,37 +43,45 @@ class ChannelHandler {
   /// An answer cannot be deferred.
   virtual int serveMail(uint64_t channelId, void* user, std::span<const std::byte> request,
                         std::span<std::byte, kMailBytes> answer) = 0;
-  /// A channel has been taken out of service: by its client's orderly end (no error), because its client
-  /// died, or because it sent something impossible. Called once per channel, not for those that remove()
+  /// The answer of the serveMail() that this thread called last is on its way: time for what nobody waits
+  /// for.
+  virtual void mailAnswered() {}
+  /// A channel has been taken out of service: by its client's orderly end (no error), or because it sent
+  /// something impossible. Called once per channel, not for those that remove()
   /// takes out. Blocks that are deferred may still be completed; that does nothing then.
   virtual void channelEnded(uint64_t channelId, void* user, const Error* error) = 0;
 };
 
-/// Drains many channels round-robin from any number of threads, which park on one shared doorbell.
+/// Drains many channels from any number of threads, which park at the doorbells of the board, each at that of
+/// its processor.
+///
+/// Whom a thread serves: the channels whose clients last submitted on its own processor, one block each by
+/// turns. Their blocks are in this processor's cache; fetching a block from another one costs as much as
+/// tracing some of its rays. Channels of other processors are left to the threads there as long as these get
+/// on with them; when a thread has nothing to do otherwise, or a channel has not moved for a while, it serves
+/// that too, so that no processor idles and nobody starves.
 ///
 /// Thread safety: everything from any thread. A channel's ring is emptied by one thread at a time (a claim
 /// flag in private memory, held for the taking out only); blocks of one channel run on several threads at
 /// once. Invariants: positions, geometry and "which block is running" are kept in private memory; a block
 /// runs at most once per submission, whatever the client writes. A channel with an impossible value is taken
 /// out of service with an Error, the others do not notice. A client can waste our time (submitting, ringing)
-/// but not stop, crash or read us. Crash of a client: its channel is taken out when its alive callback says
-/// so, or by remove(). Crash of the server: see ClientChannel.
+/// but not stop, crash or read us. Crash of a client: whoever holds the socket to it sees a hang-up and calls
+/// remove(); here nobody looks, and a server that sleeps has no timer. Crash of the server: see
+/// ClientChannel.
 class ChannelServer {
  public:
-  struct Options {
-    WaitPolicy wait = {};
-  };
-  static Result<std::unique_ptr<ChannelServer>> create(ChannelHandler& handler, Options options);
+  /// `spin`: as in WaitPolicy. Errors: kNoMem.
+  static Result<std::unique_ptr<ChannelServer>> create(ChannelHandler& handler,
+                                                       std::chrono::nanoseconds spin = WaitPolicy{}.spin);
   /// REQUIRES: no thread in run(). Tells all clients that the server has left.
   ~ChannelServer();
 
   /// Send share() of it to each client.
   const std::shared_ptr<ServerBoard>& board() const { return board_; }
 
-  /// Puts a client's channel into service and returns its id (from 1). `clientAlive` (may be empty) is called
-  /// about once per wait.recheck while a thread is parked, and about once a second while busy. Errors as
-  /// ChannelMemory::attach.
-  Result<uint64_t> add(FileDescriptor fd, void* user, std::function<bool()> clientAlive);
+  /// Puts a client's channel into service and returns its id (from 1). Errors as ChannelMemory::attach.
+  Result<uint64_t> add(FileDescriptor fd, void* user = nullptr);
   /// Takes a channel out of service. Blocks already running are finished; their answers go nowhere.
   void remove(uint64_t channelId);
   size_t channelCount() const;
@@ -90,17 +99,31 @@ class ChannelServer {
 
  private:
   using Channels = std::vector<std::shared_ptr<ServerChannel>>;
-  ChannelServer(ChannelHandler& handler, Options options, std::shared_ptr<ServerBoard> board);
+  /// What one thread knows.
+  struct Thread {
+    std::shared_ptr<const Channels> channels;
+    uint64_t version = 0;  // of `channels`
+    size_t turn = 0;
+    struct Progress {  // of another processor's channel, as last seen
+      uint64_t head = 0;
+      std::chrono::steady_clock::time_point moved;
+    };
+    std::vector<Progress> progress;  // of each of `channels`
+    bool servedMail = false;         // whether what it served last was a mail
+  };
+  enum class Whose { kNear, kAll };
+  ChannelServer(ChannelHandler& handler, std::chrono::nanoseconds spin, std::shared_ptr<ServerBoard> board);
   std::shared_ptr<const Channels> channels() const;
-  size_t serve(const Channels& channels, size_t start);
-  size_t serveChannel(const std::shared_ptr<ServerChannel>& channel);
+  size_t serve(Thread& thread, Whose whose);
+  static bool leaveToOthers(const ServerChannel& channel, Thread::Progress& seen);
+  bool serveMail(ServerChannel& channel, std::optional<Error>& bad);
+  bool serveBlock(const std::shared_ptr<ServerChannel>& channel, std::optional<Error>& bad);
   bool hasWork(const Channels& channels) const;
   void end(ServerChannel& channel, const Error* error);
-  void lookAfterClients(const Channels& channels);
   void detach(uint64_t channelId);
 
   ChannelHandler& handler_;
-  Options options_;
+  const std::chrono::nanoseconds spin_;
   std::shared_ptr<ServerBoard> board_;
   mutable std::mutex mutex_;
   std::shared_ptr<const Channels> channels_;  // replaced, never changed

@@ -2,8 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include <condition_variable>
-#include <set>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <map>
 
 #include "shm/channel_for_test.h"
 #include "shm/file_descriptor.h"
@@ -197,16 +200,84 @@ TEST_F(ChannelTest, AClientThatLeavesIsRemoved) {
   EXPECT_EQ(server.server->channelCount(), 0u);
 }
 
-TEST_F(ChannelTest, AClientThatDiesIsRemovedWhileTheServerSleeps) {
+/// How often each thread of this process but this one has gone to sleep.
+std::map<std::string, std::string> sleepsOfOthers() {
+  std::map<std::string, std::string> sleeps;
+  const std::string self = std::to_string(::gettid());
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    const std::string tid = task.path().filename();
+    if (tid == self) continue;
+    std::ifstream status(task.path() / "status");
+    for (std::string line; std::getline(status, line);)
+      if (line.starts_with("voluntary_ctxt_switches:")) sleeps[tid] = line;
+  }
+  return sleeps;
+}
+
+TEST_F(ChannelTest, AServerThatHasNothingToDoIsNeverWoken) {
   AddOneHandler handler;
-  std::atomic<bool> alive{true};
-  ServerForTest server(handler, 2, {.recheck = std::chrono::milliseconds(5)});
-  ClientChannel c = server.connect({}, [&] { return alive.load(); });
+  ServerForTest server(handler, 2);
+  ClientChannel c = server.connect();
   EXPECT_TRUE(exchange(c, 3, 0));
-  alive = false;
-  while (handler.endedChannels().empty()) std::this_thread::yield();
-  EXPECT_NE(handler.endedChannels()[0].second.find("is gone"), std::string::npos);
-  EXPECT_EQ(handler.endedChannels().size(), 1u) << "told once";
+  // Until all threads have stopped spinning. Then there is nothing that could wake them: no timer.
+  const auto sleeping = [&] {
+    uint32_t n = 0;
+    for (uint32_t b = 0; b < DoorbellRow::kBells; ++b)
+      n += server.server->board()->bells().bell(b).sleepers.load();
+    return n;
+  };
+  while (sleeping() < 2) std::this_thread::yield();
+  ::usleep(100000);  // from the announcement into the kernel
+  const auto before = sleepsOfOthers();
+  ASSERT_GE(before.size(), 2u);
+  ::usleep(600000);
+  EXPECT_EQ(sleepsOfOthers(), before);
+  EXPECT_TRUE(exchange(c, 3, 0));
+}
+
+TEST_F(ChannelTest, ChannelsOfOtherProcessorsAreServedThoughOurOwnAreBusy) {
+  AddOneHandler handler;
+  ServerForTest server(handler, 1);
+  std::atomic<bool> stop{false};
+  std::vector<std::thread> near;
+  for (uint32_t t = 0; t < 2; ++t)
+    near.emplace_back([&, t] {
+      ClientChannel c = server.connect({.config = {4, 256}});
+      while (!stop) EXPECT_TRUE(exchange(c, 50, t));
+    });
+  // Far away: a processor on which nobody serves.
+  auto memory = ChannelMemory::create({2, 64});
+  ASSERT_TRUE(memory.ok());
+  ASSERT_TRUE(server.server->add(std::move(*memory->share())).ok());
+  for (uint64_t i = 0; i < 20; ++i) {
+    memory->state(0).store(blockState(i + 1, BlockPhase::kSubmitted));
+    memory->ringSlot(i).store(0);
+    memory->control().tail.processor.store(0xfffffff0);
+    memory->control().tail.value.store(i + 1);
+    server.server->board()->bells().ringOne(0);
+    while (memory->state(0).load() != blockState(i + 1, BlockPhase::kDone)) std::this_thread::yield();
+  }
+  stop = true;
+  for (auto& t : near) t.join();
+}
+
+TEST_F(ChannelTest, AServerThatIsKnownToBeDeadEndsTheWait) {
+  DeferringHandler handler;  // never answers
+  ServerForTest server(handler, 1);
+  ClientChannel c = server.connect({.wait = {std::chrono::nanoseconds(0), std::chrono::seconds(1000)}});
+  const auto b = c.acquire();
+  ASSERT_TRUE(c.submit(*b).ok());
+  std::thread teller([&] {
+    while (handler.take().empty()) std::this_thread::yield();
+    c.serverIsGone();
+  });
+  const uint32_t list[] = {*b};
+  const Result<uint32_t> r = c.waitAny(list);
+  teller.join();
+  ASSERT_FALSE(r.ok());
+  EXPECT_EQ(r.error().code, RiError::kSystem);
+  EXPECT_NE(r.error().message.find("gone"), std::string::npos) << r.error().str();
+  EXPECT_FALSE(c.call({}, {}).ok());
 }
 
 TEST_F(ChannelTest, AServerThatLeavesEndsTheWait) {
@@ -254,14 +325,16 @@ TEST_F(ChannelTest, AnotherVersionIsRefused) {
   const auto memory = ChannelMemory::create({});
   ASSERT_TRUE(memory.ok());
   memory->control().header.version = kChannelVersion + 1;
-  const auto again = ChannelMemory::attach(std::move(*memory->share()));
+  const auto again = ChannelMemory::attach(std::move(*memory->share()), ChannelSide::kServer);
   ASSERT_FALSE(again.ok());
   EXPECT_EQ(again.error().code, RiError::kVersion);
   memory->control().header.version = kChannelVersion;
   memory->control().header.fingerprint ^= 1;
-  EXPECT_EQ(ChannelMemory::attach(std::move(*memory->share())).error().code, RiError::kVersion);
+  EXPECT_EQ(ChannelMemory::attach(std::move(*memory->share()), ChannelSide::kServer).error().code,
+            RiError::kVersion);
   // A board is not a channel, nor a channel a board.
-  EXPECT_EQ(ChannelMemory::attach(std::move(*(*board)->share())).error().code, RiError::kBadFile);
+  EXPECT_EQ(ChannelMemory::attach(std::move(*(*board)->share()), ChannelSide::kServer).error().code,
+            RiError::kBadFile);
   memory->control().header.fingerprint ^= 1;
   EXPECT_EQ(ServerBoard::attach(std::move(*memory->share())).error().code, RiError::kBadFile);
 }

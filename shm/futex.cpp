@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <climits>
 #include <system_error>
 #include <thread>
 
@@ -69,11 +70,11 @@ nanoseconds measureWakeCost() {
 
 FutexResult futexWait(const std::atomic<uint32_t>& word, uint32_t expected, nanoseconds timeout) {
   timespec t{};
-  const int64_t ns = std::max<int64_t>(timeout.count(), 0);
+  const int64_t ns = timeout.count();
   t.tv_sec = time_t(ns / 1000000000);
   t.tv_nsec = long(ns % 1000000000);
   // Without FUTEX_PRIVATE_FLAG: the word may be mapped at another address by another process.
-  if (::syscall(SYS_futex, address(word), FUTEX_WAIT, expected, &t, nullptr, 0) == 0)
+  if (::syscall(SYS_futex, address(word), FUTEX_WAIT, expected, ns < 0 ? nullptr : &t, nullptr, 0) == 0)
     return FutexResult::kWoken;
   switch (errno) {
     case EAGAIN:
@@ -95,9 +96,12 @@ nanoseconds wakeCost() {
   return cost;
 }
 
-void Doorbell::ring(int count) {
-  // SYNC POINT 1, ringer's side.
-  if (sleepers.load(std::memory_order_seq_cst) == 0) return;
+uint32_t currentProcessor() {
+  const int processor = ::sched_getcpu();
+  return processor < 0 ? 0 : uint32_t(processor);
+}
+
+int Doorbell::wake(int count) const {
   // The change of the word keeps a sleeper that has announced itself but not yet entered the kernel from
   // sleeping.
   sequence.fetch_add(1, std::memory_order_seq_cst);
@@ -105,6 +109,24 @@ void Doorbell::ring(int count) {
   // Whoever was woken is no sleeper any more, though it may have to wait for a processor: further
   // publications until then need no call.
   if (woken > 0) sleepers.fetch_sub(uint32_t(woken), std::memory_order_seq_cst);
+  return woken;
+}
+
+void Doorbell::ring(int count) const {
+  fullFence();  // SYNC POINT 1, ringer's side
+  if (sleepers.load(std::memory_order_relaxed) != 0) wake(count);
+}
+
+void DoorbellRow::ringOne(uint32_t processor) {
+  fullFence();  // SYNC POINT 1, ringer's side
+  for (uint32_t i = 0; i < kBells; ++i) {
+    const Doorbell b = bell(processor + i);
+    if (b.sleepers.load(std::memory_order_relaxed) != 0 && b.wake(1) > 0) return;
+  }
+}
+
+void DoorbellRow::wakeAll() {
+  for (uint32_t i = 0; i < kBells; ++i) bell(i).wake(INT_MAX);
 }
 
 }  // namespace fr::shm

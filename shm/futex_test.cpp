@@ -28,7 +28,8 @@ struct SharedObject {
 };
 
 struct Bells {
-  Doorbell a, b;
+  DoorbellLine a, b;
+  DoorbellRow row;
   std::atomic<uint32_t> x, y;
 };
 
@@ -39,7 +40,7 @@ TEST(Futex, TellsWhyItReturned) {
   std::atomic<uint32_t> word{5};
   EXPECT_EQ(futexWait(word, 4, milliseconds(1000)), FutexResult::kValueDiffers);
   EXPECT_EQ(futexWait(word, 5, milliseconds(1)), FutexResult::kTimedOut);
-  EXPECT_EQ(futexWait(word, 5, milliseconds(-1)), FutexResult::kTimedOut);
+  EXPECT_EQ(futexWait(word, 5, milliseconds(0)), FutexResult::kTimedOut);
   EXPECT_EQ(futexWake(word, 1), 0);
 }
 
@@ -56,17 +57,19 @@ void pingPong(SharedObject<Bells>& s, uint32_t rounds, const WaitPolicy& policy,
   auto join = startOther([&, rounds, policy] {
     for (uint32_t i = 1; i <= rounds; ++i) {
       waitAtDoorbell(
-          s->a, policy, milliseconds(-1), [&] { return s->x.load(std::memory_order_seq_cst) == i; }, kAlive);
+          s->a.bell(), policy, milliseconds(-1), [&] { return s->x.load(std::memory_order_seq_cst) == i; },
+          kAlive);
       s->y.store(i, std::memory_order_seq_cst);
-      s->b.ring(1);
+      s->b.bell().ring(1);
     }
     return 0;
   });
   for (uint32_t i = 1; i <= rounds; ++i) {
     s->x.store(i, std::memory_order_seq_cst);
-    s->a.ring(1);
+    s->a.bell().ring(1);
     waitAtDoorbell(
-        s->b, policy, milliseconds(-1), [&] { return s->y.load(std::memory_order_seq_cst) == i; }, kAlive);
+        s->b.bell(), policy, milliseconds(-1), [&] { return s->y.load(std::memory_order_seq_cst) == i; },
+        kAlive);
   }
   join();
   EXPECT_EQ(s->a.sleepers.load(), 0u);
@@ -98,22 +101,73 @@ TEST(Doorbell, RingsAsManyAsAsked) {
   for (int i = 0; i < 4; ++i) {
     sleepers.emplace_back([&] {
       waitAtDoorbell(
-          s->a, {std::chrono::nanoseconds(0), std::chrono::seconds(100)}, milliseconds(-1),
+          s->a.bell(), {std::chrono::nanoseconds(0), std::chrono::seconds(100)}, milliseconds(-1),
           [&] { return s->x.load(std::memory_order_seq_cst) == 1; }, kAlive);
       ++awake;
     });
   }
   while (s->a.sleepers.load() < 4) std::this_thread::yield();
   s->x.store(1, std::memory_order_seq_cst);
-  s->a.ring(100);
+  s->a.bell().ring(100);
   for (auto& t : sleepers) t.join();
   EXPECT_EQ(awake, 4);
+}
+
+TEST(Doorbell, WakingNeedsNoSleeperOnTheList) {
+  SharedObject<Bells> s;
+  std::thread sleeper([&] {
+    waitAtDoorbell(
+        s->row.bell(3), {std::chrono::nanoseconds(0), milliseconds(-1)}, milliseconds(-1),
+        [&] { return s->x.load(std::memory_order_seq_cst) == 1; }, kAlive);
+  });
+  while (s->row.bell(3).sleepers.load() == 0) std::this_thread::yield();
+  // Somebody lies about it.
+  s->row.bell(3).sleepers.store(0);
+  s->x.store(1, std::memory_order_release);
+  s->row.ringOne(0);
+  s->row.wakeAll();
+  sleeper.join();
+}
+
+/// Threads of one server that sleep at bells of different processors, and a ringer that comes from any.
+TEST(Doorbell, ARowWakesOneSleeperWhereverItIs) {
+  SharedObject<Bells> s;
+  constexpr uint32_t kRounds = 3000;
+  std::atomic<uint32_t> taken{0};
+  std::vector<std::thread> threads;
+  for (uint32_t t = 0; t < 3; ++t) {
+    threads.emplace_back([&, t] {
+      for (;;) {
+        waitAtDoorbell(
+            s->row.bell(5 * t), {std::chrono::nanoseconds(200), milliseconds(-1)}, milliseconds(-1),
+            [&] { return s->x.load(std::memory_order_seq_cst) != taken.load(std::memory_order_seq_cst); },
+            kAlive);
+        uint32_t n = taken.load();
+        if (n >= kRounds) return;
+        if (n < s->x.load() && taken.compare_exchange_strong(n, n + 1)) {
+          s->y.store(n + 1, std::memory_order_release);
+          s->b.bell().ring(1);
+        }
+      }
+    });
+  }
+  // Any wake-up that is lost is a hang: nobody has a timer.
+  for (uint32_t i = 1; i <= kRounds; ++i) {
+    s->x.store(i, std::memory_order_release);
+    s->row.ringOne(i * 7);
+    waitAtDoorbell(
+        s->b.bell(), {std::chrono::nanoseconds(200), milliseconds(-1)}, milliseconds(-1),
+        [&] { return s->y.load(std::memory_order_seq_cst) == i; }, kAlive);
+  }
+  s->x.store(kRounds + 1, std::memory_order_release);
+  s->row.wakeAll();
+  for (auto& t : threads) t.join();
 }
 
 TEST(Doorbell, TimesOut) {
   SharedObject<Bells> s;
   EXPECT_EQ(waitAtDoorbell(
-                s->a, kParkAtOnce, milliseconds(30), [] { return false; }, kAlive),
+                s->a.bell(), kParkAtOnce, milliseconds(30), [] { return false; }, kAlive),
             WaitOutcome::kTimedOut);
   EXPECT_EQ(s->a.sleepers.load(), 0u);
 }
@@ -130,7 +184,7 @@ TEST(Doorbell, NoticesAPeerThatDies) {
   });
   int status = 0;
   EXPECT_EQ(waitAtDoorbell(
-                s->a, kParkAtOnce, milliseconds(-1), [] { return false; },
+                s->a.bell(), kParkAtOnce, milliseconds(-1), [] { return false; },
                 [&] { return ::waitpid(child, &status, WNOHANG) == 0; }),
             WaitOutcome::kPeerGone);
   killer.join();
@@ -148,8 +202,8 @@ TEST(Doorbell, AHostileRingerCannotKeepUsFromLookingAfterThePeer) {
   });
   int looks = 0;
   EXPECT_EQ(waitAtDoorbell(
-                s->a, {std::chrono::nanoseconds(0), milliseconds(5)}, milliseconds(-1), [] { return false; },
-                [&] { return ++looks < 3; }),
+                s->a.bell(), {std::chrono::nanoseconds(0), milliseconds(5)}, milliseconds(-1),
+                [] { return false; }, [&] { return ++looks < 3; }),
             WaitOutcome::kPeerGone);
   stop = true;
   hostile.join();

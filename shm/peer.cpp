@@ -25,17 +25,18 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-/// poll() on one descriptor until `events` or hang-up, or the time is over; the returned events, 0 = time
-/// over.
+/// poll() on one descriptor until `events` or hang-up, or the time is over (negative: never); the returned
+/// events, 0 = time over.
 short pollUntil(int fd, short events, milliseconds timeout) {
+  const bool ends = timeout.count() >= 0;
   const Clock::time_point end = Clock::now() + timeout;
   for (;;) {
-    const auto left = std::chrono::ceil<milliseconds>(end - Clock::now()).count();
+    const auto left = ends ? std::chrono::ceil<milliseconds>(end - Clock::now()).count() : 0;
     pollfd p{fd, events, 0};
-    const int n = ::poll(&p, 1, int(std::clamp<int64_t>(left, 0, 3600000)));
+    const int n = ::poll(&p, 1, ends ? int(std::clamp<int64_t>(left, 0, 3600000)) : -1);
     if (n > 0) return p.revents;
     if (n < 0 && errno != EINTR) return POLLNVAL;
-    if (n == 0 && left <= 0) return 0;
+    if (n == 0 && ends && left <= 0) return 0;
   }
 }
 
@@ -117,7 +118,9 @@ Result<std::optional<PeerMessage>> PeerSocket::receive(milliseconds timeout) {
   if (!valid()) return peerGone();
   const Clock::time_point end = Clock::now() + timeout;
   for (;;) {
-    const milliseconds left = std::max(milliseconds(0), std::chrono::ceil<milliseconds>(end - Clock::now()));
+    const milliseconds left =
+        timeout.count() < 0 ? timeout
+                            : std::max(milliseconds(0), std::chrono::ceil<milliseconds>(end - Clock::now()));
     if (pollUntil(fd_.get(), POLLIN, left) == 0) return std::optional<PeerMessage>();
     PeerMessage m;
     m.bytes.resize(kMaxMessageBytes);

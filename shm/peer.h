@@ -43,8 +43,8 @@ class PeerSocket {
   /// longer than `timeout`. Errors: kRange (too large, empty), kSystem (peer gone, timed out).
   Result<void> send(std::span<const std::byte> bytes, std::span<const int> descriptors,
                     std::chrono::milliseconds timeout = std::chrono::seconds(10));
-  /// The next message; nothing on time-out. Errors: kSystem (peer gone), kBadFile (a message larger than we
-  /// allow; what it carried is closed).
+  /// The next message; nothing on time-out (negative: none, no timer runs). Errors: kSystem (peer gone),
+  /// kBadFile (a message larger than we allow; what it carried is closed).
   Result<std::optional<PeerMessage>> receive(std::chrono::milliseconds timeout);
   /// False once the other end is closed by all its holders. A system call of about 0.3 us.
   bool alive() const;

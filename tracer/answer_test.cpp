@@ -223,7 +223,7 @@ TEST(Answer, HostileRaysAreMisses) {
     q.kind = RayKind(g() % 6);
     q.count = round % 7 == 0 ? uint32_t(g()) : 64;
     q.level = round % 5 == 0 ? uint32_t(g()) : 1;
-    q.label = uint32_t(g());
+    q.reserved = uint32_t(g());
     for (uint32_t i = 0; i < kMaxRays; ++i) {
       for (int c = 0; c < 3; ++c)
         q.origin[c][i] = pick(), q.direction[c][i] = pick(), q.normal[c][i] = pick();
@@ -318,13 +318,17 @@ TEST(Answer, HostileSingleRaysAreMisses) {
 
 TEST(SingleRay, TheBytesSayWhatTheyAre) {
   SingleRayMail m, out;
-  m.ray.origin[1] = 7, m.start.label = 9;
+  m.ray.origin[1] = 7, m.start.importance = 9;
   EXPECT_TRUE(readSingleRay(singleRayBytes(m), out));
-  EXPECT_EQ(out.start.label, 9u);
-  EXPECT_TRUE(readSingleRay(singleRayBytes(m.ray), out));
+  EXPECT_EQ(out.start.importance, 9u);
+  EXPECT_EQ(singleRayBytes(m).size(), kSingleRayMailBytes);
+  m.start = {};
+  EXPECT_EQ(singleRayBytes(m).size(), kSingleRayBytes) << "it starts nowhere";
+  EXPECT_TRUE(readSingleRay(singleRayBytes(m), out));
   EXPECT_EQ(out.ray.origin[1], 7);
-  EXPECT_EQ(out.start.label, 0u);
+  EXPECT_EQ(out.start.importance, 0u);
   EXPECT_EQ(out.start.node, cache::kNone);
+  m.start.node = 3;
   for (size_t n : {0, 1, 47, 49, 87}) EXPECT_FALSE(readSingleRay(singleRayBytes(m).first(n), out)) << n;
   for (int kind = 4; kind < 256; ++kind) {
     m.ray.kind = uint8_t(kind);

@@ -198,6 +198,7 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
     put(answer.color, p.through);
   } else {
     answer.hitDistance = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
+    answer.hitNode = hitNode(p);
     if (kind != RayKind::kHitTest) put(answer.color, p.color);
     if (full || kind == RayKind::kHitTest) {
       Vec3 P(0), N(0);
@@ -211,7 +212,6 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   }
   counts_.rays[uint32_t(kind)] += 1;
   counts_.batches += 1;
-  publishCounts();
   return true;
 }
 
@@ -326,6 +326,7 @@ void AnswerThread::writeExtras(const Level& at, RayQuery& query, uint32_t first)
 
 void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first) {
   const bool distance = kind != RayKind::kVisibility, hit = full || kind == RayKind::kHitTest;
+  const bool node = distance && at.terms.flags & RayTerms::kWantsNode;
   for (uint32_t i = 0; i < at.count; ++i) {
     const PathRay& p = at.path[i];
     const uint32_t k = first + i;
@@ -334,6 +335,7 @@ void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQue
       for (int c = 0; c < 3; ++c) query.color[c][k] = color[c];
     }
     if (distance) query.hitDistance[k] = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
+    if (node) query.hitNode[k] = hitNode(p);
     if (!hit) continue;
     Vec3 P(0), N(0);
     if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
@@ -342,6 +344,10 @@ void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQue
     query.missDepth[k] = float(p.missDepth);
     for (int c = 0; c < 3; ++c) query.missP[c][k] = p.missP[c], query.missR[c][k] = p.missR[c];
   }
+}
+
+NodeId AnswerThread::hitNode(const PathRay& path) const {
+  return path.firstHit.any() ? tracer_.scene()->entry(path.firstHit.entry).node : kNone;
 }
 
 void AnswerThread::hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N) {

@@ -42,6 +42,7 @@ class InprocOracle : public RayOracle {
     SingleAnswer answer;
     if (!thread_.answerOne(ray, answer))
       return makeError(RiError::kRange, "{} is no kind of ray", ray.ray.kind);
+    thread_.publishCounts();
     return answer;
   }
 

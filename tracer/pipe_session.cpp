@@ -145,6 +145,7 @@ Result<void> PipeSession::answerQuery(const PipeQuery& query) {
   SingleAnswer answer;
   (void)thread_->answerOne(pipeQueryRay(query, space, options_.jitterTimes), answer);
   row_->add(Counter::kPipeQueries, 1);
+  thread_->publishCounts();
   std::vector<std::byte> out;
   putPipeReply(out, query.kind, answer, space);
   return write(out);

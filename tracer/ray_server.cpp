@@ -10,6 +10,7 @@
 #include <list>
 #include <mutex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "oracle/control_message.h"
@@ -27,9 +28,6 @@ constexpr size_t kMostChannelsOfAClient = 256;
 constexpr const char* kPeer = "a client";
 /// A client that does not read what it asked for is not waited for.
 constexpr milliseconds kPatience{2000};
-/// How often sleeping threads look up though nobody has rung: the control thread sees to dead clients, so
-/// seldom.
-constexpr std::chrono::milliseconds kLookUp{250};
 
 /// What the channel server calls from its threads.
 class Handler : public shm::ChannelHandler {
@@ -54,10 +52,15 @@ class Handler : public shm::ChannelHandler {
     if (!readSingleRay(request, mail)) return -1;
     Workplace& w = workplace();
     if (!w.thread.answerOne(mail, answer)) return -1;
-    w.row.add(Counter::kSingles, 1);
+    ++w.singles;
     const size_t size = singleAnswerBytes(RayKind(mail.ray.kind));
     std::memcpy(bytes.data(), &answer, size);
     return int(size);
+  }
+  void mailAnswered() override {
+    Workplace& w = workplace();
+    w.row.add(Counter::kSingles, std::exchange(w.singles, 0));
+    w.thread.publishCounts();
   }
   void channelEnded(uint64_t, void*, const Error* error) override {
     if (error) report(*error);
@@ -68,6 +71,7 @@ class Handler : public shm::ChannelHandler {
     Workplace(RayTracer& tracer, CounterRow& r) : row(r), thread(tracer, &r) {}
     CounterRow& row;
     AnswerThread thread;
+    uint64_t singles = 0;  // not counted in `row` yet
   };
   /// One per thread; the threads end before the tracer does.
   Workplace& workplace() {
@@ -155,9 +159,7 @@ class RayServer::Impl {
 
   Result<void> serve(RayTracer& tracer, const RaySceneInfo& scene) {
     handler_ = std::make_unique<Handler>(tracer, *counters_);
-    shm::ChannelServer::Options o;
-    o.wait.recheck = kLookUp;
-    auto server = shm::ChannelServer::create(*handler_, o);
+    auto server = shm::ChannelServer::create(*handler_);
     if (!server) return std::move(server).error();
     {
       std::lock_guard lock(mutex_);
@@ -363,7 +365,7 @@ class RayServer::Impl {
     if (c.channels.size() >= kMostChannelsOfAClient)
       return answerNo(c, makeError(RiError::kLimit, "a client cannot have more than {} channels",
                                    kMostChannelsOfAClient));
-    auto id = channels_->add(std::move(m.descriptors[0]), nullptr, {});
+    auto id = channels_->add(std::move(m.descriptors[0]));
     if (!id) return answerNo(c, id.error());
     c.channels.push_back(*id);
     send(c, ControlType::kAdded);

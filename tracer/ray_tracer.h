@@ -92,7 +92,10 @@ class AnswerThread {
   void answer(RayQuery& query);
   /// Answers one ray: the same bits as in a block. False when its kind is none; any other field may hold
   /// anything. Its time is not counted in TracerStatistics::answerSeconds: clocks cost as much as rays.
+  /// Call publishCounts() when nobody waits any more.
   bool answerOne(const SingleRayMail& mail, SingleAnswer& answer);
+  /// Makes what answerOne() has counted visible to others.
+  void publishCounts();
 
  private:
   struct Level;
@@ -108,7 +111,6 @@ class AnswerThread {
   void runTrace(Level& at, size_t depth);
   void writeExtras(const Level& at, RayQuery& query, uint32_t first);
   void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first);
-  void publishCounts();
   /// What shading a hit is for.
   enum class Purpose { kRadiance, kOpacity, kValues };
   uint32_t volumeKey(const PathRay& path) const;
@@ -117,6 +119,7 @@ class AnswerThread {
   void shadeMisses(Level& at, size_t depth);
   void shadePoints(Level& at, size_t depth, size_t first, size_t n, ShadePoints& points, Purpose purpose);
   Color attributeOpacity(const Hit& hit);
+  cache::NodeId hitNode(const PathRay& path) const;
   void hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N);
 
   RayTracer& tracer_;

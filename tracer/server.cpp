@@ -1,9 +1,6 @@
 #include "tracer/server.h"
 
-#include <fcntl.h>
-#include <poll.h>
 #include <signal.h>
-#include <sys/eventfd.h>
 #include <unistd.h>
 
 #include <cstring>
@@ -13,6 +10,7 @@
 #include <vector>
 
 #include "shm/channel_server.h"
+#include "shm/hang_up.h"
 #include "tracer/server_messages.h"
 
 namespace fr::tracer {
@@ -20,9 +18,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-/// How often the control thread looks up when nothing is said. The end of the client is noticed at once
-/// (hang-up).
-constexpr milliseconds kIdle{1000};
+/// The control thread sleeps until something is said. The end of the client is noticed at once (hang-up).
+constexpr milliseconds kForever{-1};
 constexpr int kMostThreads = 1024;
 
 /// operator new's last resort: nobody can go on without memory, and the client shall know why we ended.
@@ -31,36 +28,6 @@ constexpr int kMostThreads = 1024;
   (void)!::write(STDERR_FILENO, kText, sizeof kText - 1);
   ::_exit(kOutOfMemoryStatus);
 }
-
-/// Ends the process when the client is gone, whatever the other threads are doing: building a tree or shading
-/// a hit may take minutes. Nothing needs tidying up: memory and descriptors go with the process, and claims
-/// on cache nodes are taken over from the dead.
-class HangUpWatch {
- public:
-  explicit HangUpWatch(int socket)
-      : socket_(::fcntl(socket, F_DUPFD_CLOEXEC, 0)), end_(::eventfd(0, EFD_CLOEXEC)) {
-    thread_ = std::thread([this] { watch(); });
-  }
-  ~HangUpWatch() {
-    const uint64_t one = 1;
-    (void)!::write(end_.get(), &one, sizeof one);
-    thread_.join();
-  }
-  HangUpWatch(const HangUpWatch&) = delete;
-  HangUpWatch& operator=(const HangUpWatch&) = delete;
-
- private:
-  void watch() const {
-    pollfd fds[2] = {{socket_.get(), POLLRDHUP, 0}, {end_.get(), POLLIN, 0}};
-    for (;;) {
-      if (::poll(fds, 2, -1) < 0) continue;  // EINTR, or no memory for a moment
-      if (fds[0].revents) ::_exit(0);
-      if (fds[1].revents) return;
-    }
-  }
-  shm::FileDescriptor socket_, end_;
-  std::thread thread_;
-};
 
 /// What the channel server calls from its threads.
 class Handler : public shm::ChannelHandler {
@@ -81,6 +48,7 @@ class Handler : public shm::ChannelHandler {
     std::memcpy(bytes.data(), &answer, size);
     return int(size);
   }
+  void mailAnswered() override { workplace().publishCounts(); }
   void channelEnded(uint64_t, void*, const Error* error) override {
     if (error) report(*error);
   }
@@ -116,7 +84,7 @@ class Server {
  private:
   Result<void> talk() {
     for (;;) {
-      auto got = receiveMessage(parent_, kIdle);
+      auto got = receiveMessage(parent_, kForever);
       if (!got) {
         if (!parent_.alive()) return {};  // the client is gone: so are we
         return std::move(got).error();
@@ -165,7 +133,7 @@ class Server {
     options.scene.threads = threads;
     tracer_ = std::make_unique<RayTracer>(*cache_, *shading_, options);
     handler_ = std::make_unique<Handler>(*tracer_);
-    auto server = shm::ChannelServer::create(*handler_, {});
+    auto server = shm::ChannelServer::create(*handler_);
     if (!server) return std::move(server).error();
     server_ = std::move(server).value();
     try {
@@ -184,11 +152,7 @@ class Server {
   Result<void> addChannel(ReceivedMessage& m) {
     if (!server_ || m.descriptors.size() != 1)
       return makeError(RiError::kBadFile, "a channel came without a scene or a descriptor");
-    // Whoever notices first ends the process: the end of the client is no fault to be reported.
-    auto id = server_->add(std::move(m.descriptors[0]), nullptr, [this] {
-      if (!parent_.alive()) ::_exit(0);
-      return true;
-    });
+    auto id = server_->add(std::move(m.descriptors[0]));
     if (!id) return std::move(id).error();
     return sendMessage(parent_, MessageType::kAdded);
   }
@@ -220,7 +184,12 @@ Result<void> serveParent(shm::PeerSocket parent) {
   for (const int s : {SIGINT, SIGHUP, SIGPIPE, SIGXFSZ}) ::signal(s, SIG_IGN);
   std::set_new_handler(outOfMemory);
   try {
-    const HangUpWatch watch(parent.descriptor());
+    // Ends the process when the client is gone, whatever the other threads are doing: building a tree or
+    // shading a hit may take minutes. Nothing needs tidying up: memory and descriptors go with the process,
+    // and claims on cache nodes are taken over from the dead. The end of the client is no fault to be
+    // reported.
+    const auto watch = shm::HangUpWatch::start(parent.descriptor(), [] { ::_exit(0); });
+    if (!watch) return watch.error();
     return Server(std::move(parent)).run();
   } catch (const std::exception& e) {
     return makeError(RiError::kSystem, "{}", e.what());

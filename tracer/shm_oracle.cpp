@@ -27,7 +27,8 @@ struct ShmOracleService::State {
 /// block that can be filled but not submitted.
 ///
 /// When a tracer dies, the caller's blocks stay where they are, in the old channel's memory; what was in
-/// flight is copied into blocks of the next tracer's channel, and its answers back.
+/// flight is copied into blocks of the next tracer's channel, and its answers back. No tracer can have
+/// changed a question: they map questions read-only.
 class ShmOracle : public RayOracle {
  public:
   explicit ShmOracle(std::shared_ptr<ShmOracleService::State> state) : state_(std::move(state)) {}
@@ -77,7 +78,6 @@ class ShmOracle : public RayOracle {
     Slot* s = find(q);
     if (!s || s->state != SlotState::kFilling)
       return makeError(RiError::kBadHandle, "a block of rays was submitted that was not acquired");
-    s->questions.keep(*q);
     s->count = std::min(q->count, kMaxRays);
     s->kind = q->kind;
     s->order = nextOrder_++;
@@ -149,9 +149,8 @@ class ShmOracle : public RayOracle {
     SlotState state = SlotState::kFree;
     RayKind kind{};
     uint32_t count = 0;
-    int deaths = 0;           // tracers that died since it was submitted
-    uint64_t order = 0;       // of submission
-    KeptQuestions questions;  // a dying tracer may have left anything in the block
+    int deaths = 0;      // tracers that died since it was submitted
+    uint64_t order = 0;  // of submission
   };
 
   void open() {
@@ -180,7 +179,7 @@ class ShmOracle : public RayOracle {
       // As many blocks as slots, so there is one.
       if (!takeBlock(s))
         return channel_->error() ? *channel_->error() : makeError(RiError::kBug, "no block for a question");
-      s.questions.writeTo(*s.shared);
+      copyQuestion(*s.query, *s.shared);
     }
     return channel_->submit(s.block);
   }
@@ -202,10 +201,8 @@ class ShmOracle : public RayOracle {
       noted_ = false;
       for (Slot& s : slots_) s.block = kNoBlock, s.shared = nullptr;
       Result<void> sent;
-      for (Slot* s : flying) {
-        s->questions.writeTo(*s->query);
+      for (Slot* s : flying)
         if (sent = send(*s); !sent) break;
-      }
       if (sent) return {};
       why = std::move(sent).error();
     }
@@ -233,6 +230,7 @@ class ShmOracle : public RayOracle {
     for (uint32_t i = 0; i < s.count; ++i) {
       q.hitDistance[i] = s.kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace;
       q.missDepth[i] = 0;
+      q.hitNode[i] = cache::kNone;
       for (int c = 0; c < 3; ++c)
         q.color[c][i] = value, q.hitP[c][i] = q.hitN[c][i] = q.missP[c][i] = q.missR[c][i] = 0;
     }

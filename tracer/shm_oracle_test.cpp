@@ -275,7 +275,7 @@ TEST(ShmOracle, BlocksStayWhereTheyAreWhenTheTracerDies) {
   auto line = std::move(shm.connect()).value();
   RayQuery *answered = line->acquire(), *filling = line->acquire();
   for (RayQuery* q : {answered, filling}) {
-    q->kind = RayKind::kHitTest, q->count = 1, q->level = 1, q->label = 0;
+    q->kind = RayKind::kHitTest, q->count = 1, q->level = 1;
     testing::setRay(*q, 0, {0, 0, -9}, {0, 0, 1});
   }
   ASSERT_TRUE(line->submit(answered).ok());
@@ -478,7 +478,7 @@ TEST(ShmOracle, HostileQuestionsHarmNobody) {
     ASSERT_TRUE(q);
     q->kind = RayKind(i % 3 ? g() % 4 : g());
     q->count = i % 2 ? 1000000u : i % 4 ? 0xffffffffu : uint32_t(g() % 2000);
-    q->level = uint32_t(g()), q->label = uint32_t(g());
+    q->level = uint32_t(g());
     for (uint32_t k = 0; k < kMaxRays; ++k) {
       for (int c = 0; c < 3; ++c)
         q->origin[c][k] = pick(), q->direction[c][k] = pick(), q->normal[c][k] = pick();

@@ -22,6 +22,8 @@ namespace {
 constexpr milliseconds kConversation{60000};
 /// A socket closes a moment before its process can be reaped, and a server leaves its board before it ends.
 constexpr milliseconds kDying{200};
+/// How often a waiting line looks after the tracer itself: a hang-up tells it at once, so seldom.
+constexpr milliseconds kLookUp{1000};
 
 std::string programBeside(const char* name) {
   char path[4096];
@@ -108,6 +110,7 @@ Result<void> TracerProcess::bury(const std::string& why) {
   const std::string how = howItEnded(why);
   const std::optional<int> status = child_->exitStatus();
   pid_.store(0, std::memory_order_relaxed);
+  watch_.reset();
   board_.reset();
   child_.reset();
   if (failed_) return *failed_;
@@ -155,7 +158,8 @@ Result<TracerProcess::Line> TracerProcess::openLocked() {
     if (failed_ || !child_ || !isDeath(r.error())) {
       Error e = fatal(std::move(r).error());
       // A process of another build, or none of ours, is not worth a goodbye.
-      if (child_ && !board_) (void)howItEnded({}), child_.reset(), pid_.store(0, std::memory_order_relaxed);
+      if (child_ && !board_)
+        (void)howItEnded({}), watch_.reset(), child_.reset(), pid_.store(0, std::memory_order_relaxed);
       return e;
     }
     if (Result<void> next = bury(r.error().message); !next) return std::move(next).error();
@@ -171,6 +175,15 @@ Result<void> TracerProcess::start() {
   auto started = shm::ChildProcess::spawn(spawn);
   if (!started) return fatal(std::move(started).error().context("the ray tracer cannot be started"));
   child_ = std::make_shared<shm::ChildProcess>(std::move(started).value());
+  channels_ = std::make_shared<Channels>();
+  auto watch = shm::HangUpWatch::start(child_->socket().descriptor(), [channels = channels_] {
+    const std::lock_guard lock(channels->mutex);
+    channels->gone = true;
+    for (const auto& weak : channels->list)
+      if (const auto channel = weak.lock()) channel->serverIsGone();
+  });
+  if (!watch) return fatal(std::move(watch).error());
+  watch_ = std::move(watch).value();
   ++life_;
   pid_.store(int(child_->pid()), std::memory_order_relaxed);
   return {};
@@ -202,6 +215,8 @@ Result<TracerProcess::Line> TracerProcess::addChannel() {
   shm::ClientChannel::Options o;
   o.config.blockCount = kBlocksPerLine;
   o.config.blockBytes = sizeof(RayQuery);
+  o.config.questionBytes = kQuestionBytes;
+  o.wait.recheck = kLookUp;
   o.serverAlive = [process = child_] { return process->alive(); };
   auto channel = shm::ClientChannel::create(board_, std::move(o));
   if (!channel) return fatal(std::move(channel).error());
@@ -210,7 +225,12 @@ Result<TracerProcess::Line> TracerProcess::addChannel() {
   const int one = fd->get();
   auto added = converse(MessageType::kChannel, MessageType::kAdded, {}, {}, std::span(&one, 1));
   if (!added) return std::move(added).error();
-  return Line{std::make_shared<shm::ClientChannel>(std::move(channel).value()), life_};
+  auto shared = std::make_shared<shm::ClientChannel>(std::move(channel).value());
+  const std::lock_guard lock(channels_->mutex);
+  std::erase_if(channels_->list, [](const auto& weak) { return weak.expired(); });
+  channels_->list.push_back(shared);
+  if (channels_->gone) shared->serverIsGone();
+  return Line{std::move(shared), life_};
 }
 
 }  // namespace fr::tracer

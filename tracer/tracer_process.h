@@ -9,6 +9,7 @@
 #include <string>
 
 #include "shm/channel.h"
+#include "shm/hang_up.h"
 #include "shm/peer.h"
 #include "tracer/server_messages.h"
 #include "tracer/shm_oracle.h"
@@ -21,10 +22,12 @@ inline constexpr int kMostDeathsInARow = 5;
 /// One tracer process after the other. Each has a number, its *life*; a channel belongs to one life.
 ///
 /// Thread safety: everything. Nobody waits for the mutex longer than starting a tracer takes.
-/// Crash of the tracer: whoever notices first (openAfter) buries it, warns once, and starts the next one
-/// after a pause that grows with the deaths in a row. After kMostDeathsInARow deaths without an answer in
-/// between, or when a tracer says that it must fail (no memory, a scene that it cannot open, another build),
-/// there is one error for good. Crash of this process: the tracer sees its socket hang up and ends at once.
+/// Crash of the tracer: its socket hangs up, and a thread that waits for that alone ends the waits of all
+/// lines at once (channels look themselves as well, once a second). Whoever notices first (openAfter) buries
+/// it, warns once, and starts the next one after a pause that grows with the deaths in a row. After
+/// kMostDeathsInARow deaths without an answer in between, or when a tracer says that it must fail (no memory,
+/// a scene that it cannot open, another build), there is one error for good. Crash of this process: the
+/// tracer sees its socket hang up and ends at once.
 class TracerProcess {
  public:
   struct Line {
@@ -66,6 +69,13 @@ class TracerProcess {
   mutable std::mutex mutex_;                  // all below but the atomics
   std::shared_ptr<shm::ChildProcess> child_;  // channels hold it too: they ask whether it lives
   std::shared_ptr<shm::ServerBoard> board_;   // set when the tracer is ready
+  struct Channels {                           // of this tracer; with a mutex of their own
+    std::mutex mutex;
+    std::vector<std::weak_ptr<shm::ClientChannel>> list;
+    bool gone = false;
+  };
+  std::shared_ptr<Channels> channels_;
+  std::unique_ptr<shm::HangUpWatch> watch_;  // last to come, first to go
   uint64_t life_ = 0;
   uint64_t outOfMemoryKills_ = 0;  // of the machine when this tracer was started
   int deathsInARow_ = 0;

@@ -39,6 +39,12 @@ double seconds();
 /// Processor time of this process, and of another (0 when it is gone), in seconds.
 double processorSeconds();
 double processorSeconds(int pid);
+/// How often threads of a process (0: this one) gave up their processor, and how often it was taken from
+/// them.
+struct Switches {
+  uint64_t voluntary = 0, forced = 0;
+};
+Switches switches(int pid);
 /// Keeps this process and what it starts from now on on the first `n` processors that it has.
 void useProcessors(int n);
 /// Keeps every thread of a process (0: this one) on the i-th processor that this process had at its start.

@@ -1,10 +1,12 @@
 #include <dirent.h>
 #include <sched.h>
+#include <sys/resource.h>
 #include <time.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <random>
 
 #include "bench/oracle/oracle_bench.h"
@@ -95,6 +97,24 @@ double processorSeconds() { return clockSeconds(CLOCK_PROCESS_CPUTIME_ID); }
 double processorSeconds(int pid) {
   clockid_t clock;
   return ::clock_getcpuclockid(pid, &clock) == 0 ? clockSeconds(clock) : 0;
+}
+
+Switches switches(int pid) {
+  Switches all;
+  if (pid == 0) {  // with those threads that have ended
+    rusage used{};
+    ::getrusage(RUSAGE_SELF, &used);
+    return {uint64_t(used.ru_nvcsw), uint64_t(used.ru_nivcsw)};
+  }
+  forThreads(pid, [&](int tid, const std::string& folder) {
+    std::ifstream status(folder + "/" + std::to_string(tid) + "/status");
+    for (std::string line; std::getline(status, line);) {
+      unsigned long n = 0;
+      if (std::sscanf(line.c_str(), "voluntary_ctxt_switches: %lu", &n) == 1) all.voluntary += n;
+      if (std::sscanf(line.c_str(), "nonvoluntary_ctxt_switches: %lu", &n) == 1) all.forced += n;
+    }
+  });
+  return all;
 }
 
 int processorCount() { return int(gProcessors.size()); }

@@ -96,7 +96,7 @@ std::vector<Shot> shots(uint32_t n, uint32_t seed) {
   return s;
 }
 void fill(RayQuery& q, const std::vector<Shot>& s, const WorldSpace& space, RayKind kind) {
-  q.kind = kind, q.count = uint32_t(s.size()), q.level = 1, q.label = 0;
+  q.kind = kind, q.count = uint32_t(s.size()), q.level = 1;
   for (uint32_t i = 0; i < q.count; ++i) {
     SingleRayMail m;
     space.setOrigin(m.ray, kCenter + DVec3(s[i].x, s[i].y, -4));

@@ -117,7 +117,7 @@ Answers answerInBatches(tracer::AnswerThread& thread, const RayList& rays, RayKi
   Answers out(rays.size() * kWords);
   auto q = std::make_unique<RayQuery>();
   for (size_t first = 0; first < rays.size(); first += batch) {
-    q->kind = kind, q->level = 1, q->label = 0;
+    q->kind = kind, q->level = 1;
     q->count = uint32_t(std::min<size_t>(batch, rays.size() - first));
     for (uint32_t i = 0; i < q->count; ++i) setRay(*q, i, rays[first + i]);
     thread.answer(*q);
@@ -160,7 +160,7 @@ Result<Answers> askInBatches(RayOracle& oracle, const RayList& rays, RayKind kin
     RayQuery* q;
     while (!(q = oracle.acquire()))
       if (Result<void> l = land(); !l) return std::move(l).error();
-    q->kind = kind, q->level = 1, q->label = 0;
+    q->kind = kind, q->level = 1;
     q->count = uint32_t(std::min<size_t>(batch, rays.size() - first));
     for (uint32_t i = 0; i < q->count; ++i) setRay(*q, i, rays[first + i]);
     flying.push_back({q, first});
