@@ -48,8 +48,9 @@
 extern "C" {
 #endif
 
-/* The interface described here. Functions and fields are only added; structures say their size. */
-#define FRANKENRAY_INTERFACE 1
+/* The interface described here. Functions and fields are only added; structures say their size.
+ * 2: labels, subsets, distances and classes of rays; places. */
+#define FRANKENRAY_INTERFACE 2
 
 /* The interface of the library that is loaded, and its release as text ("0.1.0"). */
 FRANKENRAY_API int frankenray_interface(void);
@@ -169,13 +170,25 @@ typedef struct frankenray_vectors_out {
   ptrdiff_t stride;
 } frankenray_vectors_out;
 
+/* A place on a surface of the scene: an answer tells where it hit, a question may say where it starts. A ray that
+ * starts at a place leaves that surface without meeting it again by rounding or by its facets: it needs no bias. The
+ * contents are the library's; copy places, keep them, and give them back to the server that they came from. All
+ * bytes 0: nowhere. */
+typedef struct frankenray_place {
+  uint32_t opaque[8];
+} frankenray_place;
+
+/* What rays are for: it decides which surfaces let themselves be seen (Attribute "visibility"), and what
+ * rayinfo("type") says at their hits. Not for FRANKENRAY_VISIBILITY: those are transmission rays. */
+enum { FRANKENRAY_SPECULAR = 0, FRANKENRAY_DIFFUSE = 1 };
+
 /* Rays as structure of arrays; any count, 0 included. Begin with FRANKENRAY_RAYS_INIT. */
 typedef struct frankenray_rays {
   size_t size;                  /* sizeof(frankenray_rays) */
   int kind;                     /* FRANKENRAY_TRACE ... */
   int level;                    /* ray level of these rays: 1 for rays asked by what the camera sees */
   size_t count;
-  const char *label;            /* trace label of all of them, NULL: none */
+  const char *label;            /* raylabel() at what they hit, at most 51 bytes; NULL: none */
   frankenray_points origin;
   frankenray_vectors direction; /* not for FRANKENRAY_VISIBILITY */
   frankenray_points target;     /* FRANKENRAY_VISIBILITY only */
@@ -183,9 +196,15 @@ typedef struct frankenray_rays {
   const float *radius;          /* footprint at the origin; NULL: 0 */
   const float *spread;          /* growth of the footprint's radius per unit of distance; NULL: 0 */
   const uint64_t *seed;         /* random numbers of shaders at the hits; NULL: made from the place in the batch */
+  const frankenray_place *start; /* what each ray leaves; NULL: none leaves a surface */
+  const char *subset;           /* groups (Attribute "grouping" "membership") that are seen, "a,b"; at most 63 bytes; */
+  const char *exclude_subset;   /* and groups that are not. NULL: everything, nothing */
+  float max_distance;           /* hits farther away are none; 0: no limit. Not for FRANKENRAY_VISIBILITY */
+  int ray_class;                /* FRANKENRAY_SPECULAR or FRANKENRAY_DIFFUSE */
 } frankenray_rays;
 #define FRANKENRAY_RAYS_INIT \
-  { sizeof(frankenray_rays), FRANKENRAY_TRACE, 1, 0, NULL, {0, 0, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}, NULL, NULL, NULL, NULL }
+  { sizeof(frankenray_rays), FRANKENRAY_TRACE, 1, 0, NULL, {0, 0, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}, NULL, NULL, NULL, NULL, \
+    NULL, NULL, NULL, 0, FRANKENRAY_SPECULAR }
 
 /* Where answers go. Columns whose x is NULL (or arrays that are NULL) are not wanted; those that the kind of question
  * does not have are left alone. Begin with FRANKENRAY_ANSWERS_INIT. */
@@ -198,9 +217,10 @@ typedef struct frankenray_answers {
   float *miss_depth;                     /* fulltrace: level of the deepest ray that missed everything, 0: none did */
   frankenray_points_out miss_position;   /* fulltrace: where that ray started */
   frankenray_vectors_out miss_direction; /* fulltrace: and where it went */
+  frankenray_place *place;               /* hittest, fulltrace: where `position` lies; nowhere on a miss */
 } frankenray_answers;
 #define FRANKENRAY_ANSWERS_INIT \
-  { sizeof(frankenray_answers), {0, 0, 0, 0}, NULL, {0, 0, 0, 0}, {0, 0, 0, 0}, NULL, {0, 0, 0, 0}, {0, 0, 0, 0} }
+  { sizeof(frankenray_answers), {0, 0, 0, 0}, NULL, {0, 0, 0, 0}, {0, 0, 0, 0}, NULL, {0, 0, 0, 0}, {0, 0, 0, 0}, NULL }
 
 /* Asks and waits. Answers are those of single rays, bit for bit, whatever else is in the batch. */
 FRANKENRAY_API frankenray_status frankenray_answer(frankenray_line *line, const frankenray_rays *rays,
@@ -221,7 +241,8 @@ FRANKENRAY_API frankenray_status frankenray_wait(frankenray_batch *batch);
 /* Frees the batch; one that is still in flight is waited for. NULL is allowed. */
 FRANKENRAY_API void frankenray_release(frankenray_batch *batch);
 
-/* One ray, with the least delay (a mailbox of two cache lines instead of a block). */
+/* One ray, with the least delay: a mailbox of two cache lines instead of a block, unless it has a label, a subset, a
+ * distance or a class. Fields as in frankenray_rays. */
 typedef struct frankenray_ray {
   size_t size; /* sizeof(frankenray_ray) */
   int kind;
@@ -231,9 +252,15 @@ typedef struct frankenray_ray {
   float time, radius, spread;
   uint64_t seed;
   const char *label;
+  frankenray_place start;
+  const char *subset;
+  const char *exclude_subset;
+  float max_distance;
+  int ray_class;
 } frankenray_ray;
 #define FRANKENRAY_RAY_INIT \
-  { sizeof(frankenray_ray), FRANKENRAY_TRACE, 1, {0, 0, 0}, {0, 0, 0}, 0, 0, 0, 0, NULL }
+  { sizeof(frankenray_ray), FRANKENRAY_TRACE, 1, {0, 0, 0}, {0, 0, 0}, 0, 0, 0, 0, NULL, {{0, 0, 0, 0, 0, 0, 0, 0}}, NULL, NULL, \
+    0, FRANKENRAY_SPECULAR }
 
 typedef struct frankenray_hit {
   size_t size; /* sizeof(frankenray_hit) */
@@ -244,9 +271,10 @@ typedef struct frankenray_hit {
   float miss_depth;
   double miss_position[3];
   float miss_direction[3];
+  frankenray_place place; /* hittest, fulltrace */
 } frankenray_hit;
 #define FRANKENRAY_HIT_INIT \
-  { sizeof(frankenray_hit), {0, 0, 0}, 0, {0, 0, 0}, {0, 0, 0}, 0, {0, 0, 0}, {0, 0, 0} }
+  { sizeof(frankenray_hit), {0, 0, 0}, 0, {0, 0, 0}, {0, 0, 0}, 0, {0, 0, 0}, {0, 0, 0}, {{0, 0, 0, 0, 0, 0, 0, 0}} }
 
 /* Fields that the kind does not have are set to 0. On an error the answer is that of a ray that hits nothing. */
 FRANKENRAY_API frankenray_status frankenray_ask(frankenray_line *line, const frankenray_ray *ray,

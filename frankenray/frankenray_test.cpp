@@ -6,8 +6,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <random>
 #include <thread>
 
@@ -27,8 +30,9 @@ class Frankenray : public testing::TestWithParam<int> {  // the transport
     frankenray_line_close(line_);
     frankenray_close(session_);
   }
-  void start() {
-    ASSERT_EQ(frankenray_start(session_, &options_, scene_.rib().c_str()), FRANKENRAY_OK)
+  void start(std::string rib = {}) {
+    if (rib.empty()) rib = scene_.rib();
+    ASSERT_EQ(frankenray_start(session_, &options_, rib.c_str()), FRANKENRAY_OK)
         << frankenray_error_text(session_);
     line_ = frankenray_line_open(session_);
     ASSERT_NE(line_, nullptr);
@@ -46,6 +50,39 @@ class Frankenray : public testing::TestWithParam<int> {  // the transport
   frankenray_session* session_ = nullptr;
   frankenray_line* line_ = nullptr;
 };
+
+/// A sphere of radius 1 around the origin, coarse enough that its facets are seen; two walls in groups, one
+/// behind the other, z = 3 and z = 4, 9 <= x <= 11; a wall at x = -10 whose colour tells the label of the
+/// ray.
+std::string writeSecondScene(const std::filesystem::path& folder) {
+  std::ofstream(folder / "tag.sl")
+      << "surface tag() { Oi = 1; Ci = raylabel() == \"mine\" ? color(0, 1, 0) : color(1, 0, 0); }";
+  std::ofstream(folder / "second.rib") << R"(Display "none.exr" "file" "rgba"
+Format 16 16 1
+Projection "perspective" "fov" [40]
+Option "searchpath" "string shader" [")"
+                                       << folder.string() << R"(:&"]
+Translate 0 0 100
+WorldBegin
+Surface "constant"
+AttributeBegin
+  ShadingRate 400
+  Sphere 1 -1 1 360
+AttributeEnd
+AttributeBegin
+  Attribute "grouping" "string membership" ["front"]
+  Polygon "P" [9 -1 3  9 1 3  11 1 3  11 -1 3]
+  Attribute "grouping" "string membership" ["back,far"]
+  Polygon "P" [9 -1 4  9 1 4  11 1 4  11 -1 4]
+AttributeEnd
+AttributeBegin
+  Surface "tag"
+  Polygon "P" [-10 -1 -1  -10 1 -1  -10 1 1  -10 -1 1]
+AttributeEnd
+WorldEnd
+)";
+  return (folder / "second.rib").string();
+}
 
 constexpr double kBehind[3] = {0, 0, -3}, kForward[3] = {0, 0, 2}, kBeyond[3] = {0, 0, 5};
 
@@ -231,6 +268,143 @@ TEST_P(Frankenray, RaysThatMakeNoSenseHitNothing) {
     EXPECT_EQ(frankenray_visibility(line_, s, s, color), FRANKENRAY_OK);
     EXPECT_EQ(color[0], 1);
   }
+}
+
+TEST_P(Frankenray, RaysSayWhatTheySeeAndWhatTheyAreCalled) {
+  start(writeSecondScene(scene_.folder()));
+  frankenray_ray ray = FRANKENRAY_RAY_INIT;
+  ray.kind = FRANKENRAY_HITTEST;
+  ray.origin[0] = 10, ray.direction[2] = 2;
+  const auto distance = [&] {
+    frankenray_hit hit = FRANKENRAY_HIT_INIT;
+    EXPECT_EQ(frankenray_ask(line_, &ray, &hit), FRANKENRAY_OK) << frankenray_line_error_text(line_);
+    // The same as a batch of two.
+    const float z[2] = {2, 2}, zero[2] = {0, 0};
+    const double ten[2] = {10, 10}, nought[2] = {0, 0};
+    float distances[2];
+    frankenray_rays rays = FRANKENRAY_RAYS_INIT;
+    frankenray_answers answers = FRANKENRAY_ANSWERS_INIT;
+    rays.kind = ray.kind, rays.count = 2, rays.label = ray.label, rays.subset = ray.subset;
+    rays.exclude_subset = ray.exclude_subset, rays.max_distance = ray.max_distance;
+    rays.origin = {ten, nought, nought, 1}, rays.direction = {zero, zero, z, 1};
+    answers.distance = distances;
+    EXPECT_EQ(frankenray_answer(line_, &rays, &answers), FRANKENRAY_OK) << frankenray_line_error_text(line_);
+    EXPECT_EQ(distances[0], hit.distance);
+    EXPECT_EQ(distances[1], hit.distance);
+    return hit.distance;
+  };
+  EXPECT_NEAR(distance(), 3, 1e-5);
+  ray.exclude_subset = "front";
+  EXPECT_NEAR(distance(), 4, 1e-5);
+  ray.exclude_subset = "front,far";
+  EXPECT_EQ(distance(), FRANKENRAY_NO_HIT);
+  ray.exclude_subset = nullptr, ray.subset = "back";
+  EXPECT_NEAR(distance(), 4, 1e-5);
+  ray.max_distance = 3.5f;
+  EXPECT_EQ(distance(), FRANKENRAY_NO_HIT);
+  ray.subset = nullptr;
+  EXPECT_NEAR(distance(), 3, 1e-5);
+
+  frankenray_ray seen = FRANKENRAY_RAY_INIT;
+  seen.origin[0] = -5, seen.direction[0] = -1;
+  frankenray_hit hit = FRANKENRAY_HIT_INIT;
+  ASSERT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_OK) << frankenray_line_error_text(line_);
+  EXPECT_EQ(hit.color[0], 1);
+  EXPECT_EQ(hit.color[1], 0);
+  seen.label = "mine";
+  ASSERT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_OK);
+  EXPECT_EQ(hit.color[0], 0);
+  EXPECT_EQ(hit.color[1], 1);
+
+  const std::string tooLong(64, 'x');
+  seen.label = tooLong.c_str();
+  EXPECT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_ERROR_ARGUMENT);
+  EXPECT_NE(std::strstr(frankenray_line_error_text(line_), "label"), nullptr);
+  seen.label = nullptr, seen.subset = tooLong.c_str();
+  EXPECT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_ERROR_ARGUMENT);
+  seen.subset = nullptr, seen.max_distance = -1;
+  EXPECT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_ERROR_ARGUMENT);
+  seen.max_distance = std::nanf("");
+  EXPECT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_ERROR_ARGUMENT);
+  seen.max_distance = 0, seen.ray_class = 2;
+  EXPECT_EQ(frankenray_ask(line_, &seen, &hit), FRANKENRAY_ERROR_ARGUMENT);
+}
+
+/// Rays that leave a sphere from where others have hit it. Those that go outwards meet nothing; those that go
+/// inwards meet the other side of the sphere, one chord away. Without the place, facets are in the way of
+/// some.
+TEST_P(Frankenray, RaysThatStartAtAPlaceLeaveTheirSurface) {
+  start(writeSecondScene(scene_.folder()));
+  constexpr size_t kCount = 3000;
+  std::mt19937 random(11);
+  std::normal_distribution<double> gauss;
+  const auto unit = [&] {
+    const double v[3] = {gauss(random), gauss(random), gauss(random)};
+    const double length = std::hypot(v[0], v[1], v[2]);
+    return std::array{v[0] / length, v[1] / length, v[2] / length};
+  };
+  Many there(FRANKENRAY_HITTEST, kCount);
+  std::vector<frankenray_place> places(kCount);
+  there.answers.place = places.data();
+  for (size_t i = 0; i < kCount; ++i) {
+    const auto d = unit();
+    for (size_t c = 0; c < 3; ++c)
+      there.origin[3 * i + c] = 2.5 * d[c], there.direction[3 * i + c] = float(-d[c]);
+  }
+  ASSERT_EQ(frankenray_answer(line_, &there.rays, &there.answers), FRANKENRAY_OK);
+  Many onward(FRANKENRAY_HITTEST, kCount);
+  std::vector<double> cosine(kCount);
+  for (size_t i = 0; i < kCount; ++i) {
+    ASSERT_NEAR(there.distance[i], 1.5, 0.1);
+    EXPECT_NE(places[i].opaque[0], 0u);
+    const auto d = unit();
+    for (size_t c = 0; c < 3; ++c) {
+      onward.origin[3 * i + c] = there.position[3 * i + c];
+      onward.direction[3 * i + c] = float(d[c]);
+      cosine[i] += d[c] * there.position[3 * i + c];
+    }
+  }
+  // Facets of a sphere of radius 1 lie up to 5 % inside it here. Rays that graze it by less than that may be
+  // taken for either.
+  constexpr double kGrazing = 0.1;
+  const auto wrong = [&] {
+    size_t n = 0;
+    for (size_t i = 0; i < kCount; ++i) {
+      const bool hits = onward.distance[i] < FRANKENRAY_NO_HIT && onward.distance[i] < 5;
+      if (cosine[i] > kGrazing) n += hits;
+      if (cosine[i] < -kGrazing) n += !hits || std::abs(onward.distance[i] + 2 * cosine[i]) > 0.3;
+    }
+    return n;
+  };
+  ASSERT_EQ(frankenray_answer(line_, &onward.rays, &onward.answers), FRANKENRAY_OK);
+  EXPECT_GT(wrong(), kCount / 100) << "facets are not in the way: the test shows nothing";
+  onward.rays.start = places.data();
+  std::vector<frankenray_place> next(kCount);
+  onward.answers.place = next.data();
+  ASSERT_EQ(frankenray_answer(line_, &onward.rays, &onward.answers), FRANKENRAY_OK);
+  EXPECT_EQ(wrong(), 0u);
+  for (size_t i = 0; i < kCount; i += 5) {
+    frankenray_ray ray = onward.ray(i);
+    ray.start = places[i];
+    frankenray_hit hit = FRANKENRAY_HIT_INIT;
+    ASSERT_EQ(frankenray_ask(line_, &ray, &hit), FRANKENRAY_OK);
+    EXPECT_TRUE(same(hit, onward.hit(i))) << i;
+    EXPECT_EQ(std::memcmp(&hit.place, &next[i], sizeof next[i]), 0);
+    EXPECT_EQ(hit.place.opaque[0] != 0, hit.distance < FRANKENRAY_NO_HIT) << "nowhere on a miss";
+  }
+  // Places belong to the server that told them.
+  ASSERT_EQ(frankenray_reconnect(session_), FRANKENRAY_OK);
+  EXPECT_EQ(frankenray_answer(line_, &onward.rays, &onward.answers), FRANKENRAY_ERROR_ARGUMENT);
+  EXPECT_NE(std::strstr(frankenray_line_error_text(line_), "another server"), nullptr);
+  frankenray_ray ray = onward.ray(0);
+  ray.start = places[0];
+  frankenray_hit hit = FRANKENRAY_HIT_INIT;
+  EXPECT_EQ(frankenray_ask(line_, &ray, &hit), FRANKENRAY_ERROR_ARGUMENT);
+  // Whatever is in them.
+  ASSERT_EQ(frankenray_answer(line_, &there.rays, &there.answers), FRANKENRAY_OK);
+  for (size_t i = 0; i < kCount; ++i)
+    for (size_t w = 1; w < 8; ++w) places[i].opaque[w] = uint32_t(random());
+  EXPECT_EQ(frankenray_answer(line_, &onward.rays, &onward.answers), FRANKENRAY_OK);
 }
 
 TEST_P(Frankenray, WrongUseIsAnErrorWithAText) {

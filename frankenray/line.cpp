@@ -1,5 +1,6 @@
 // Lines and batches: rays of any number, cut into blocks, several of them in flight.
 #include <algorithm>
+#include <bit>
 #include <cstring>
 
 #include "base/random.h"
@@ -14,6 +15,7 @@ struct frankenray_batch {
   frankenray_line* line = nullptr;
   frankenray_rays rays;
   frankenray_answers answers;
+  RayTerms terms{};
   size_t submitted = 0, answered = 0;
   frankenray_status status = FRANKENRAY_PENDING;
 };
@@ -32,6 +34,8 @@ struct frankenray_line {
   uint64_t number = 0;  // of the session's client that `oracle` belongs to; 0: none
   std::unique_ptr<RayOracle> oracle;
   WorldSpace space;
+  uint32_t stamp = 0;       // of places that this server gives
+  bool knowsTerms = false;  // a server of 1998 does not
   std::vector<Flight> flights;
   std::deque<frankenray_batch*> batches;   // pending, oldest first
   std::vector<frankenray_batch*> handles;  // all that are not released
@@ -100,6 +104,72 @@ void readFloats(const float* from, size_t first, uint32_t n, float* to) {
     std::fill_n(to, n, 0.0f);
 }
 
+// ---- Places ----
+
+/// What is in a frankenray_place.
+enum PlaceWord { kPlaceStamp, kPlaceNode, kPlaceNormal, kPlaceWords = 8 };
+static_assert(sizeof(frankenray_place) == kPlaceWords * 4 && kPlaceNormal + 3 <= kPlaceWords);
+
+/// Node numbers are a server process's own. Never 0.
+uint32_t stampOf(const RaySceneInfo& info) {
+  return uint32_t(hashStep(hashStep(2, info.scene), uint64_t(info.processId))) | 1u;
+}
+
+frankenray_place makePlace(uint32_t stamp, uint32_t node, const Vec3& normal) {
+  frankenray_place p{};
+  if (node == SingleRayStart{}.node) return p;
+  p.opaque[kPlaceStamp] = stamp;
+  p.opaque[kPlaceNode] = node;
+  for (int c = 0; c < 3; ++c) p.opaque[kPlaceNormal + c] = std::bit_cast<uint32_t>(normal[c]);
+  return p;
+}
+
+/// Nowhere, or of this server.
+bool isOurs(const frankenray_place& p, uint32_t stamp) {
+  return p.opaque[kPlaceStamp] == 0 || p.opaque[kPlaceStamp] == stamp;
+}
+
+/// REQUIRES isOurs().
+SingleRayStart startOf(const frankenray_place& p) {
+  SingleRayStart s;
+  if (p.opaque[kPlaceStamp] == 0) return s;
+  s.node = p.opaque[kPlaceNode];
+  for (int c = 0; c < 3; ++c) s.normal[c] = std::bit_cast<float>(p.opaque[kPlaceNormal + c]);
+  return s;
+}
+
+// ---- Terms ----
+
+template <size_t N>
+bool copyText(const char* from, char (&to)[N]) {
+  if (!from) return true;
+  const size_t length = std::strlen(from);
+  if (length >= N) return false;
+  std::memcpy(to, from, length);
+  return true;
+}
+
+/// Fields that rays and single rays have in common. False: `why` says what is wrong with them.
+template <class Rays>
+bool readTerms(const Rays& r, RayTerms& t, std::string& why) {
+  if (!copyText(r.label, t.label))
+    why = fmt::format("the label is longer than {} bytes", sizeof t.label - 1);
+  else if (!copyText(r.subset, t.subset) || !copyText(r.exclude_subset, t.excludeSubset))
+    why = fmt::format("a subset is longer than {} bytes", sizeof t.subset - 1);
+  else if (!(r.max_distance >= 0))
+    why = fmt::format("{} is no distance", r.max_distance);
+  else if (r.ray_class != FRANKENRAY_SPECULAR && r.ray_class != FRANKENRAY_DIFFUSE)
+    why = fmt::format("{} is no class of rays", r.ray_class);
+  if (!why.empty()) return false;
+  t.maxDistance = r.max_distance;
+  t.rayClass = r.ray_class == FRANKENRAY_DIFFUSE ? RayClass::kDiffuse : RayClass::kSpecular;
+  return true;
+}
+
+bool saysAnything(const RayTerms& t) {
+  return t.label[0] || t.subset[0] || t.excludeSubset[0] || t.maxDistance > 0 || t.rayClass != RayClass{};
+}
+
 void fillBlock(const frankenray_line& l, const frankenray_batch& b, size_t first, uint32_t n, RayQuery& q) {
   const frankenray_rays& r = b.rays;
   q.kind = RayKind(r.kind);
@@ -116,14 +186,18 @@ void fillBlock(const frankenray_line& l, const frankenray_batch& b, size_t first
   readFloats(r.radius, first, n, q.radius);
   readFloats(r.spread, first, n, q.spread);
   for (uint32_t i = 0; i < n; ++i) q.seed[i] = r.seed ? r.seed[first + i] : hashStep(1, first + i);
-  const SingleRayStart nowhere;
-  std::fill_n(q.node, n, nowhere.node);
+  q.terms = b.terms;
+  if (b.answers.place) q.terms.flags |= RayTerms::kWantsNode;
+  for (uint32_t i = 0; i < n; ++i) {
+    const SingleRayStart s = r.start ? startOf(r.start[first + i]) : SingleRayStart{};
+    q.node[i] = s.node;
+    for (int c = 0; c < 3; ++c) q.normal[c][i] = s.normal[c];
+  }
   std::fill_n(q.cell, n, 0u);
   std::fill_n(q.importance, n, 0u);
   std::fill_n(q.point, n, 0u);
   std::fill_n(q.u, n, 0.0f);
   std::fill_n(q.v, n, 0.0f);
-  for (auto& c : q.normal) std::fill_n(c, n, 0.0f);
 }
 
 void readBlock(const frankenray_line& l, const frankenray_batch& b, size_t first, uint32_t n,
@@ -139,6 +213,9 @@ void readBlock(const frankenray_line& l, const frankenray_batch& b, size_t first
       for (uint32_t i = 0; i < n; ++i)
         setPoint(a.position, first + i, q.hitDistance[i] < none ? l.space.hitPoint(q, i) : DVec3(0));
     writeVectors(q.hitN, first, n, a.normal);
+    if (a.place)
+      for (uint32_t i = 0; i < n; ++i)
+        a.place[first + i] = makePlace(l.stamp, q.hitNode[i], {q.hitN[0][i], q.hitN[1][i], q.hitN[2][i]});
   }
   if (full) {
     if (a.miss_depth) std::copy_n(q.missDepth, n, a.miss_depth + first);
@@ -167,6 +244,7 @@ void writeMisses(const frankenray_batch& b, size_t first, size_t end) {
     if (kind != RayKind::kVisibility && a.distance)
       a.distance[i] = kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace;
     if (hit) setPoint(a.position, i, DVec3(0)), vectors(a.normal, i, zero);
+    if (hit && a.place) a.place[i] = {};
     if (full) {
       if (a.miss_depth) a.miss_depth[i] = 1;
       setPoint(a.miss_position, i, pointAt(b.rays.origin, i));
@@ -208,6 +286,8 @@ frankenray_status connect(frankenray_line& l) {
   if (!made) return fail(l, statusOf(made.error(), FRANKENRAY_ERROR_SERVER_GONE), made.error().message);
   l.oracle = std::move(made).value();
   l.space = s.client->worldSpace();
+  l.stamp = stampOf(s.client->scene());
+  l.knowsTerms = s.client->transport() != RayTransport::kPipe1998;
   return FRANKENRAY_OK;
 }
 
@@ -274,8 +354,8 @@ frankenray_status check(frankenray_line& l, const frankenray_rays* rays, const f
   const frankenray_answers& a = b.answers;
   if (r.kind < FRANKENRAY_TRACE || r.kind > FRANKENRAY_FULLTRACE)
     return fail(l, FRANKENRAY_ERROR_ARGUMENT, fmt::format("{} is no kind of question", r.kind));
-  if (r.label && *r.label)
-    return fail(l, FRANKENRAY_ERROR_ARGUMENT, "labels cannot be sent yet: set label to NULL");
+  b.terms = RayTerms{};
+  if (std::string why; !readTerms(r, b.terms, why)) return fail(l, FRANKENRAY_ERROR_ARGUMENT, why);
   if (r.count > 0 && (!complete(r.origin) ||
                       !(r.kind == FRANKENRAY_VISIBILITY ? complete(r.target) : complete(r.direction))))
     return fail(l, FRANKENRAY_ERROR_ARGUMENT, "a column of the rays is missing");
@@ -286,11 +366,27 @@ frankenray_status check(frankenray_line& l, const frankenray_rays* rays, const f
   return FRANKENRAY_OK;
 }
 
+/// What can be known only once there is a server.
+frankenray_status checkServer(frankenray_line& l, const RayTerms& terms, const frankenray_place* starts,
+                              size_t count) {
+  if (!l.knowsTerms && saysAnything(terms))
+    return fail(l, FRANKENRAY_ERROR_ARGUMENT,
+                "the server speaks the protocol of 1998, which has no labels, subsets, distances or classes");
+  for (size_t i = 0; i < count; ++i)
+    if (!isOurs(starts[i], l.stamp))
+      return fail(l, FRANKENRAY_ERROR_ARGUMENT,
+                  fmt::format("ray {} starts at a place that another server has told", i));
+  return FRANKENRAY_OK;
+}
+
 frankenray_status submit(frankenray_line& l, frankenray_batch& b) {
   if (frankenray_status s = connect(l); s != FRANKENRAY_OK) {
     writeMisses(b, 0, b.rays.count);
     return s;
   }
+  if (frankenray_status s = checkServer(l, b.terms, b.rays.start, b.rays.start ? b.rays.count : 0);
+      s != FRANKENRAY_OK)
+    return s;
   l.session->rays[b.rays.kind].fetch_add(b.rays.count, std::memory_order_relaxed);
   b.line = &l;
   if (b.rays.count == 0) {
@@ -301,7 +397,8 @@ frankenray_status submit(frankenray_line& l, frankenray_batch& b) {
   return pump(l);
 }
 
-frankenray_status ask(frankenray_line& l, const frankenray_ray& r, frankenray_hit& out) {
+frankenray_status ask(frankenray_line& l, const frankenray_ray& r, const RayTerms& terms,
+                      frankenray_hit& out) {
   SingleRayMail m;
   const auto kind = RayKind(r.kind);
   const DVec3 origin(r.origin[0], r.origin[1], r.origin[2]),
@@ -316,16 +413,19 @@ frankenray_status ask(frankenray_line& l, const frankenray_ray& r, frankenray_hi
     for (int c = 0; c < 3; ++c) out.miss_position[c] = r.origin[c], out.miss_direction[c] = direction[c];
   }
   if (frankenray_status s = connect(l); s != FRANKENRAY_OK) return s;
+  if (frankenray_status s = checkServer(l, terms, &r.start, 1); s != FRANKENRAY_OK) return s;
+  m.start = startOf(r.start);
   l.space.setOrigin(m.ray, origin);
   for (int c = 0; c < 3; ++c) m.ray.direction[c] = direction[c];
   m.ray.time = r.time, m.ray.radius = r.radius, m.ray.spread = r.spread;
   m.ray.kind = uint8_t(kind);
   m.ray.level = uint16_t(std::clamp(r.level, 1, 65535));
   m.ray.seed = r.seed;
-  Result<SingleAnswer> got = l.oracle->ask(m);
+  const auto askOnce = [&] { return saysAnything(terms) ? l.oracle->ask(m, terms) : l.oracle->ask(m); };
+  Result<SingleAnswer> got = askOnce();
   while (!got && got.error().code == RiError::kLimit && !l.flights.empty()) {
     if (frankenray_status s = waitFor(l, nullptr); s != FRANKENRAY_OK) return s;
-    got = l.oracle->ask(m);
+    got = askOnce();
   }
   if (!got) return breakLine(l, got.error());
   l.session->rays[r.kind].fetch_add(1, std::memory_order_relaxed);
@@ -342,6 +442,7 @@ frankenray_status ask(frankenray_line& l, const frankenray_ray& r, frankenray_hi
   }
   out.distance = a.hitDistance;
   out.miss_depth = a.missDepth;
+  if (kind >= RayKind::kHitTest) out.place = makePlace(l.stamp, a.hitNode, {a.hitN[0], a.hitN[1], a.hitN[2]});
   return FRANKENRAY_OK;
 }
 
@@ -456,10 +557,10 @@ frankenray_status frankenray_ask(frankenray_line* line, const frankenray_ray* ra
                   "ray or hit is missing or damaged: begin with FRANKENRAY_RAY_INIT, _HIT_INIT");
     if (r.kind < FRANKENRAY_TRACE || r.kind > FRANKENRAY_FULLTRACE)
       return fail(l, FRANKENRAY_ERROR_ARGUMENT, fmt::format("{} is no kind of question", r.kind));
-    if (r.label && *r.label)
-      return fail(l, FRANKENRAY_ERROR_ARGUMENT, "labels cannot be sent yet: set label to NULL");
+    RayTerms terms{};
+    if (std::string why; !readTerms(r, terms, why)) return fail(l, FRANKENRAY_ERROR_ARGUMENT, why);
     frankenray_hit out;
-    const frankenray_status s = ask(l, r, out);
+    const frankenray_status s = ask(l, r, terms, out);
     const size_t size = hit->size;
     std::memcpy(hit, &out, std::min(size, sizeof out));
     hit->size = size;

@@ -99,6 +99,7 @@ class Line1998 : public RayOracle {
       if (s.used) continue;
       if (!s.query) s.query = std::make_unique<RayQuery>();
       s.used = true, s.answered = false;
+      s.query->terms = RayTerms{};
       return s.query.get();
     }
     return nullptr;
@@ -116,7 +117,7 @@ class Line1998 : public RayOracle {
       m.ray.time = q->time[i];
       auto a = link_->ask(m);
       if (!a) return std::move(a).error();
-      q->hitDistance[i] = a->hitDistance, q->missDepth[i] = a->missDepth;
+      q->hitDistance[i] = a->hitDistance, q->missDepth[i] = a->missDepth, q->hitNode[i] = a->hitNode;
       for (int c = 0; c < 3; ++c) {
         q->color[c][i] = a->color[c];
         q->hitP[c][i] = a->hitP[c], q->hitN[c][i] = a->hitN[c];

@@ -30,6 +30,8 @@ class RayOracle {
   /// Here: through a block; transports have faster ways. Errors: the oracle is gone (kSystem), the ray's kind
   /// is none (kRange), all blocks are in use (kLimit; faster ways need none).
   virtual Result<SingleAnswer> ask(const SingleRayMail& ray);
+  /// The same with something to say about the ray, through a block.
+  Result<SingleAnswer> ask(const SingleRayMail& ray, const RayTerms& terms);
 };
 
 /// Opens lines. connect() is thread-safe.

@@ -39,7 +39,7 @@ byte tail, ringSlot[SLOTS], state[BLOCKS];
 byte low[BLOCKS], high[BLOCKS]; /* the two halves of a block's contents */
 byte mailState, mailLow, mailHigh;
 bool clientClosed;
-byte serverSequence, serverSleepers, clientSequence, clientSleepers; /* the doorbells */
+byte serverSequence[THREADS], serverSleepers[THREADS], clientSequence, clientSleepers; /* the doorbells */
 
 /* ---- the server's own memory ---- */
 byte head, running[BLOCKS], lastUse[BLOCKS], mailSeen, unannounced;
@@ -53,23 +53,33 @@ bool clientDead, serverDead;
 byte answeredUse[BLOCKS];
 byte mailsAnswered;
 
-inline wakeServer(all) {
-  if
-  :: serverSleepers == 0
-  :: else ->
-    serverSequence++;
-    atomic { /* FUTEX_WAKE: whom it takes is its own affair */
-      woken = 0;
-      do
-      :: (woken == 0 || all) && asleep[0] -> asleep[0] = false; woken++
-#if THREADS > 1
-      :: (woken == 0 || all) && asleep[1] -> asleep[1] = false; woken++
+inline passBell() {
+#ifdef MUTANT_RINGS_ONE_BELL_ONLY
+  rung = THREADS
+#else
+  rung++; bell = (bell + 1) % THREADS
 #endif
-      :: else -> break
-      od
+}
+
+/* The threads sleep at bells of their own; the ringer goes round them from the nearest one, whichever that is. With `all`
+ * it wakes everybody, whatever `sleepers` says. */
+inline wakeServer(all) {
+#if THREADS > 1
+  atomic { if :: bell = 0 :: bell = 1 fi }
+#endif
+  do
+  :: atomic { rung < THREADS && !all && serverSleepers[bell] == 0 -> passBell() }
+  :: atomic { rung < THREADS && (all || serverSleepers[bell] != 0) -> serverSequence[bell]++ };
+    atomic { /* FUTEX_WAKE */
+      woken = 0;
+      if :: asleep[bell] -> asleep[bell] = false; woken = 1 :: else fi
     }
-    serverSleepers = serverSleepers - woken
-  fi
+    atomic {
+      serverSleepers[bell] = serverSleepers[bell] - woken;
+      if :: woken == 1 && !all -> rung = THREADS :: else -> passBell() fi
+    }
+  :: atomic { rung >= THREADS -> rung = 0; bell = 0; woken = 0; break }
+  od
 }
 
 inline wakeClient() {
@@ -211,7 +221,7 @@ inline call() {
 }
 
 proctype Client() {
-  byte submits, mails, posted, found, i, b, seen, woken;
+  byte submits, mails, posted, found, i, b, seen, woken, bell, rung;
   bool slept;
   {
     do
@@ -341,7 +351,7 @@ inline serveBlock() {
 }
 
 proctype Server(byte me) {
-  byte s, b, question, seen, woken, queued;
+  byte s, b, question, seen, woken, queued, bell, rung;
   bool got, served, slept;
   {
     do
@@ -356,14 +366,14 @@ proctype Server(byte me) {
         if
         :: clientClosed -> ended = true; wakeServer(true)
         :: else ->
-          serverSleepers++; /* SYNC POINT 1 */
-          seen = serverSequence;
+          serverSleepers[me]++; /* SYNC POINT 1 */
+          seen = serverSequence[me];
           if
 #ifndef MUTANT_SERVER_HAS_NO_SECOND_LOOK
-          :: ended || tail != head || mailState != mailSeen || clientClosed -> serverSleepers--
+          :: ended || tail != head || mailState != mailSeen || clientClosed -> serverSleepers[me]--
 #endif
           :: else ->
-            sleep(me, serverSequence, serverSleepers, clientDead);
+            sleep(me, serverSequence[me], serverSleepers[me], clientDead);
             if :: clientDead -> break :: else fi
           fi
         fi
