@@ -273,6 +273,7 @@ TEST(Answer, OneRayIsAnsweredAsInABlock) {
     }
     EXPECT_EQ(block, single) << int(kind);
   }
+  t.thread->publishCounts();
   const auto n = t.tracer->statistics();
   EXPECT_EQ(n.rays[int(RayKind::kTrace)], 2 * rays.size());
 }

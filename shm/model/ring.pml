@@ -6,6 +6,7 @@
  *
  *   BLOCKS, SUBMITS, MAILS, THREADS   sizes
  *   CRASH                             somebody may be killed
+ *   ANY_BELL_FIRST                    ringers begin at any bell (else at the first: threads are alike, so that is nearly all)
  *   MUTANT_...                        one mistake each; check_ring.sh expects spin to reject every one of them
  *
  * Checked: a question is taken whole (not torn), once (not duplicated), and as it was submitted; an answer is seen whole, and
@@ -64,7 +65,7 @@ inline passBell() {
 /* The threads sleep at bells of their own; the ringer goes round them from the nearest one, whichever that is. With `all`
  * it wakes everybody, whatever `sleepers` says. */
 inline wakeServer(all) {
-#if THREADS > 1
+#if THREADS > 1 && defined(ANY_BELL_FIRST)
   atomic { if :: bell = 0 :: bell = 1 fi }
 #endif
   do
