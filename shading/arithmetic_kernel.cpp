@@ -1,4 +1,6 @@
 // Assignment, arithmetic, comparison and elementary mathematics.
+#include <cstring>
+
 #include "shading/kernel_loop.h"
 
 namespace fr::FR_ISA {
@@ -46,10 +48,10 @@ void addAssignments(KernelTable& t) {
                 store(a[0], i, select(m, load(a[2], i, c), load(a[3], i, c)), c));
 }
 
-#define FR_COMPONENTS2(x, y, expression)                                             \
-  const V3 p = load3(a[1], i);                                                       \
-  const V3 q = load3(a[2], i);                                                       \
-  const auto g = [](V x, V y) __attribute__((always_inline)) { return expression; }; \
+#define FR_COMPONENTS2(x, y, expression)                               \
+  const V3 p = load3(a[1], i);                                         \
+  const V3 q = load3(a[2], i);                                         \
+  const auto g = [](V x, V y) FR_LANE_FUNCTION { return expression; }; \
   store3(a[0], i, {g(p.x, q.x), g(p.y, q.y), g(p.z, q.z)})
 
 void addArithmetic(KernelTable& t) {
@@ -75,19 +77,19 @@ void addArithmetic(KernelTable& t) {
   FR_UNARY(neg_f, -x);
   FR_BINARY(min_f, vmin(x, y));
   FR_BINARY(max_f, vmax(x, y));
-  FR_BINARY(mod, y == 0.0f ? V{} : x - y * vfloor(divide(x, y)));
+  FR_BINARY(mod, select(y == 0.0f, V{}, x - y * vfloor(divide(x, y))));
   FR_UNARY(abs, vabs(x));
-  FR_UNARY(sign, x > 0.0f ? splat(1.0f) : (x < 0.0f ? splat(-1.0f) : V{}));
+  FR_UNARY(sign, select(x > 0.0f, splat(1.0f), select(x < 0.0f, splat(-1.0f), V{})));
   FR_UNARY(floor, vfloor(x));
   FR_UNARY(ceil, vceil(x));
   FR_UNARY(round, copySign(vfloor(vabs(x) + 0.5f), x));
-  FR_BINARY(step, y < x ? V{} : splat(1.0f));
+  FR_BINARY(step, select(y < x, V{}, splat(1.0f)));
   FR_KERNEL(slot(Op::clamp_f), 4, store(a[0], i, vmin(vmax(load(a[1], i), load(a[2], i)), load(a[3], i))));
   FR_KERNEL(slot(Op::mix_f), 4, const V m = load(a[3], i);
             store(a[0], i, load(a[1], i) * (1.0f - m) + load(a[2], i) * m));
   FR_KERNEL(slot(Op::smoothstep), 4, const V lo = load(a[1], i); const V hi = load(a[2], i);
             const V x = load(a[3], i); const V r = clampTo(divide(x - lo, hi - lo), 0.0f, 1.0f);
-            store(a[0], i, select(lo < hi, r * r * (3.0f - 2.0f * r), x < lo ? V{} : splat(1.0f))));
+            store(a[0], i, select(lo < hi, r * r * (3.0f - 2.0f * r), select(x < lo, V{}, splat(1.0f)))));
 
   FR_KERNEL(slot(Op::add_t), 3, store3(a[0], i, add(load3(a[1], i), load3(a[2], i))));
   FR_KERNEL(slot(Op::sub_t), 3, store3(a[0], i, sub(load3(a[1], i), load3(a[2], i))));
@@ -104,7 +106,7 @@ void addArithmetic(KernelTable& t) {
             store(a[0], i, toFlag((x.x == y.x) & (x.y == y.y) & (x.z == y.z))));
   FR_KERNEL(slot(Op::ne_t), 3, const V3 x = load3(a[1], i); const V3 y = load3(a[2], i);
             store(a[0], i, toFlag((x.x != y.x) | (x.y != y.y) | (x.z != y.z))));
-  FR_KERNEL(slot(Op::mod_t), 3, FR_COMPONENTS2(x, y, y == 0.0f ? V{} : x - y * vfloor(divide(x, y))));
+  FR_KERNEL(slot(Op::mod_t), 3, FR_COMPONENTS2(x, y, select(y == 0.0f, V{}, x - y * vfloor(divide(x, y)))));
   FR_KERNEL(slot(Op::abs_t), 2, const V3 x = load3(a[1], i);
             store3(a[0], i, {vabs(x.x), vabs(x.y), vabs(x.z)}));
   FR_KERNEL(slot(Op::min_t), 3, FR_COMPONENTS2(x, y, vmin(x, y)));
@@ -138,10 +140,23 @@ void addMathematics(KernelTable& t) {
   FR_UNARY(sqrt, vsqrt(x));
   FR_UNARY(inversesqrt, inverseSqrt(x));
   FR_UNARY(log, vlog(x));
-  FR_BINARY(log2arg, x > 0.0f ? divide(vlog(x), vlog(y)) : splat(-1.0e38f));
+  FR_BINARY(log2arg, select(x > 0.0f, divide(vlog(x), vlog(y)), splat(-1.0e38f)));
   FR_UNARY(erf, verf(x));
   FR_UNARY(erfc, 1.0f - verf(x));
 }
+
+#ifndef FR_ISA_recorded
+template <class C>
+void addRare(KernelTable& t) {
+  t.rare[size_t(C::kCase)] = [](const float* in, float* results, const int32_t* where) {
+    V x[C::kInputs], r[C::kResults];
+    std::memcpy(x, in, sizeof x);
+    std::memcpy(r, results, sizeof r);
+    rarelyBlend<C>(loadMask(where, 0), x, r);
+    std::memcpy(results, r, sizeof r);
+  };
+}
+#endif
 
 void addMasks(KernelTable& t) {
   const auto slot = [&t](Helper h) -> Kernel& { return t.helper[size_t(h)]; };
@@ -168,12 +183,24 @@ void addMasks(KernelTable& t) {
   slot(Helper::assignTripleMasked) = t.op[size_t(Op::assign_t)];
   slot(Helper::assignFloatMasked) = t.op[size_t(Op::assign_f)];
   FR_KERNEL(slot(Helper::sanitize), 1, const V x = load(a[0], i);
-            store(a[0], i, vabs(x) <= splat(kLargest) ? x : V{}));
+            store(a[0], i, select(vabs(x) <= splat(kLargest), x, V{})));
+#ifndef FR_ISA_recorded
+  t.lanes = kLanes;
+  addRare<ExpTop>(t), addRare<LargeAngle>(t), addRare<ExtremeLength>(t), addRare<ExtremeNormalize>(t);
+  addRare<Homogeneous>(t);
   t.anyActive = [](const int32_t* mask, uint32_t lanes) {
     VI any{};
     for (uint32_t i = 0; i < lanes; i += kLanes) any |= loadMask(mask, i);
     return anyLane(any);
   };
+  t.countActive = [](const int32_t* mask, uint32_t lanes) {
+    VI sum{};
+    for (uint32_t i = 0; i < lanes; i += kLanes) sum -= loadMask(mask, i);
+    uint32_t n = 0;
+    for (uint32_t k = 0; k < kLanes; ++k) n += uint32_t(sum[k]);
+    return n;
+  };
+#endif
 }
 }  // namespace
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/error.h"
+#include "shading/liveness.h"
 
 namespace fr {
 
@@ -65,64 +66,92 @@ void Executable::inferClasses(const std::vector<std::string>& varyingParameters)
     if (p.symbols[s].type == SlType::kString || places_[s].varying) continue;
     places_[s].varying = changed = true;
   }
-  std::vector<char> varyingControl;  // one per open block
-  std::vector<char> leaves(p.code.size(),
-                           0);  // blocks that some points leave early, by index of their first instruction
-  while (changed) {
-    changed = false;
-    varyingControl.clear();
-    std::vector<uint32_t> open;
-    for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i) {
-      const Instruction& in = p.code[i];
-      const uint32_t flags = opInfo(in.op).flags;
-      bool reads = false;
-      for (uint32_t a : p.operands(in)) reads |= (a & kArgRead) && places_[a & kArgIndex].varying;
-      const bool inside = !varyingControl.empty() && varyingControl.back();
-      if (opensBlock(in.op)) {
-        open.push_back(i);
-        varyingControl.push_back(
-            inside || leaves[i] || (in.op == Op::if_begin && reads) ||
-            (in.op != Op::if_begin && in.op != Op::loop_begin && in.op != Op::inline_begin));
-      } else if (closesBlock(in.op)) {
-        if (!open.empty()) open.pop_back(), varyingControl.pop_back();
-      } else if (in.op == Op::loop_test && reads && !open.empty()) {
-        if (!leaves[open.back()]) leaves[open.back()] = 1, changed = true;
-        varyingControl.back() = 1;
-      } else if (inside &&
-                 (in.op == Op::break_loop || in.op == Op::continue_loop || in.op == Op::inline_return)) {
-        // Some points leave: all blocks out to the one that is left run under varying control.
-        for (size_t k = open.size(); k-- > 0;) {
-          if (!leaves[open[k]]) leaves[open[k]] = 1, changed = true;
-          const uint32_t end = p.code[open[k]].jump;
-          if (in.jump != kNoIndex && end != kNoIndex && end >= in.jump) break;
-        }
-      }
-      if (flags & kOpResultUniform) continue;
-      for (uint32_t a : p.operands(in)) {
-        const uint32_t s = a & kArgIndex;
-        const Symbol& symbol = p.symbols[s];
-        if (!(a & kArgWritten) || places_[s].varying || symbol.type == SlType::kString) continue;
-        if (reads || (flags & kOpResultVarying) || ((flags & kOpMasked) && inside))
-          places_[s].varying = changed = true;
+  // Blocks that some points leave early, by index of their first instruction.
+  std::vector<char> leaves(p.code.size(), 0);
+  if (changed)
+    while (followControl(leaves, true)) {
+    }
+  while (followControl(leaves, false)) {
+  }
+}
+
+/// One pass over the body: where some points may be inactive, and (inferring) what is varying for that or for
+/// its operands. True when it found something new.
+bool Executable::followControl(std::vector<char>& leaves, bool inferring) {
+  const ShaderProgram& p = *program_;
+  bool changed = false;
+  std::vector<char> varying;  // one per open block
+  std::vector<uint32_t> open;
+  varyingControl_.assign(p.code.size(), false);
+  for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i) {
+    const Instruction& in = p.code[i];
+    const uint32_t flags = opInfo(in.op).flags;
+    bool reads = false;
+    for (uint32_t a : p.operands(in)) reads |= (a & kArgRead) && places_[a & kArgIndex].varying;
+    const bool inside = !varying.empty() && varying.back();
+    varyingControl_[i] = inside;
+    if (opensBlock(in.op)) {
+      open.push_back(i);
+      varying.push_back(inside || leaves[i] || (in.op == Op::if_begin && reads) ||
+                        (in.op != Op::if_begin && in.op != Op::loop_begin && in.op != Op::inline_begin));
+    } else if (closesBlock(in.op)) {
+      if (!open.empty()) open.pop_back(), varying.pop_back();
+    } else if (in.op == Op::loop_test && reads && !open.empty()) {
+      if (!leaves[open.back()]) leaves[open.back()] = 1, changed = true;
+      varying.back() = 1;
+    } else if (inside &&
+               (in.op == Op::break_loop || in.op == Op::continue_loop || in.op == Op::inline_return)) {
+      // Some points leave: all blocks out to the one that is left run under varying control.
+      for (size_t k = open.size(); k-- > 0;) {
+        if (!leaves[open[k]]) leaves[open[k]] = 1, changed = true;
+        const uint32_t end = p.code[open[k]].jump;
+        if (in.jump != kNoIndex && end != kNoIndex && end >= in.jump) break;
       }
     }
+    if (!inferring || (flags & kOpResultUniform)) continue;
+    for (uint32_t a : p.operands(in)) {
+      const uint32_t s = a & kArgIndex;
+      if (!(a & kArgWritten) || places_[s].varying || p.symbols[s].type == SlType::kString) continue;
+      if (reads || (flags & kOpResultVarying) || ((flags & kOpMasked) && inside))
+        places_[s].varying = changed = true;
+    }
   }
+  return changed;
 }
 
 void Executable::placeSymbols() {
   const ShaderProgram& p = *program_;
-  for (const bool locals : {true, false}) {
-    for (uint32_t i = 0; i < p.symbols.size(); ++i) {
-      const Symbol& s = p.symbols[i];
-      const bool variable = s.storage == Storage::kLocal || (s.storage == Storage::kTemp && s.isArray());
-      if (variable != locals) continue;
-      if (s.storage == Storage::kGlobal && s.data < globals_.size()) globals_[s.data] = i;
-      uint32_t& counter = s.type == SlType::kString ? strings_ : places_[i].varying ? columns_ : blocks_;
-      places_[i].first = counter;
-      counter += s.type == SlType::kString ? std::max(1u, s.arrayLength) : s.floats();
+  const Liveness liveness(p, varyingControl_);
+  liveAtEntry_.resize(p.symbols.size());
+  for (uint32_t i = 0; i < p.symbols.size(); ++i) {
+    const Symbol& s = p.symbols[i];
+    if (s.storage == Storage::kGlobal && s.data < globals_.size()) {
+      globals_[s.data] = i;
+      usedGlobals_.push_back(GlobalId(s.data));
     }
-    if (locals) localColumns_ = columns_, localBlocks_ = blocks_;
+    firstColumn_.push_back(columnCount_);
+    columnCount_ += s.floats();
+    uint32_t& counter = s.type == SlType::kString ? strings_ : places_[i].varying ? columns_ : blocks_;
+    places_[i].first = counter;
+    counter += s.type == SlType::kString ? std::max(1u, s.arrayLength) : s.floats();
+    liveAtEntry_[i] = liveness.atEntry(i);
+    const bool variable = s.storage == Storage::kLocal || s.storage == Storage::kTemp;
+    if (variable && s.type != SlType::kString && liveAtEntry_[i]) zeroed_.push_back(i);
   }
+  for (uint32_t k = 0; k < p.args.size(); ++k) {
+    const Symbol& s = p.symbol(p.args[k]);
+    if (s.storage == Storage::kGlobal && s.data < globals_.size()) globalArgs_[s.data].push_back(k);
+  }
+}
+
+const NativeCode* Executable::makeNative() const {
+  const std::lock_guard lock(nativeMutex_);
+  if (!nativeTried_) {
+    nativeTried_ = true;
+    nativeOwner_ = NativeCode::compile(*this);
+    native_.store(nativeOwner_.get(), std::memory_order_release);
+  }
+  return nativeOwner_.get();
 }
 
 /// Not found, or not what the program was compiled for: the machine says so when it gets there.

@@ -1,14 +1,18 @@
 // A ShaderProgram prepared for the virtual machine: every symbol has a place in a frame, every instruction
 // its kernel.
 //
-// Immutable; shared by all instances of the shader in a process.
+// Immutable, but for the machine code that is made when the program has proved to be in use; shared by all
+// instances of the shader in a process.
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "shading/kernels.h"
+#include "shading/native_code.h"
 #include "shading/shadeop_library.h"
 
 namespace fr {
@@ -45,18 +49,41 @@ class Executable {
   const SymbolPlace& place(uint32_t symbol) const { return places_[symbol]; }
   bool varying(uint32_t symbol) const { return places_[symbol].varying; }
   uint32_t global(GlobalId id) const { return globals_[size_t(id)]; }  // symbol, kNoIndex: not used
+  /// Predefined variables that the program uses.
+  const std::vector<GlobalId>& usedGlobals() const { return usedGlobals_; }
+  /// Places in ShaderProgram::args that hold a global.
+  const std::vector<uint32_t>& argsOf(GlobalId id) const { return globalArgs_[size_t(id)]; }
+  /// The value that a symbol has when the body begins may be read.
+  bool liveAtEntry(uint32_t symbol) const { return liveAtEntry_[symbol]; }
+  /// Variables of which that holds: they begin with 0.
+  const std::vector<uint32_t>& zeroed() const { return zeroed_; }
+  /// By instruction: some of the points that the shader began with may be inactive there.
+  const std::vector<bool>& varyingControl() const { return varyingControl_; }
+  /// Numbers the components of all symbols (array elements too) that are not strings.
+  uint32_t firstColumn(uint32_t symbol) const { return firstColumn_[symbol]; }
+  uint32_t columnCount() const { return columnCount_; }
+
+  /// The program as machine code, nullptr until there is any. Asked once for a batch: after some batches the
+  /// code is made, by the thread that asks then, while others go on without. Thread-safe.
+  const NativeCode* native() const {
+    const NativeCode* const code = native_.load(std::memory_order_acquire);
+    return code || batches_.fetch_add(1, std::memory_order_relaxed) != kBatchesBeforeNative ? code
+                                                                                            : makeNative();
+  }
+  /// Makes the code at once. Thread-safe. nullptr where there is none.
+  const NativeCode* makeNative() const;
+
   uint32_t columns() const { return columns_; }
   uint32_t blocks() const { return blocks_; }
-  /// Columns and blocks of named local variables come first: [0, localColumns).
-  uint32_t localColumns() const { return localColumns_; }
-  uint32_t localBlocks() const { return localBlocks_; }
   uint32_t strings() const { return strings_; }
   uint32_t counters() const { return counters_; }
   uint32_t depth() const { return depth_; }  // deepest nesting of control flow
   bool has(ProgramFlags f) const { return program_->has(f); }
 
  private:
+  static constexpr uint32_t kBatchesBeforeNative = 4;
   void inferClasses(const std::vector<std::string>& varyingParameters);
+  bool followControl(std::vector<char>& leaves, bool inferring);
   void placeSymbols();
   void prepareSteps();
   void bindShadeop(Step& s, const Instruction& in);
@@ -65,8 +92,16 @@ class Executable {
   std::vector<Step> steps_;
   std::vector<SymbolPlace> places_;
   std::array<uint32_t, size_t(GlobalId::kCount)> globals_;
-  uint32_t columns_ = 0, blocks_ = 0, strings_ = 0, counters_ = 0, depth_ = 0, localColumns_ = 0,
-           localBlocks_ = 0;
+  std::array<std::vector<uint32_t>, size_t(GlobalId::kCount)> globalArgs_;
+  std::vector<GlobalId> usedGlobals_;
+  std::vector<bool> varyingControl_, liveAtEntry_;
+  std::vector<uint32_t> zeroed_, firstColumn_;
+  uint32_t columns_ = 0, blocks_ = 0, strings_ = 0, counters_ = 0, depth_ = 0, columnCount_ = 0;
+  mutable std::mutex nativeMutex_;
+  mutable std::unique_ptr<const NativeCode> nativeOwner_;
+  mutable bool nativeTried_ = false;
+  mutable std::atomic<const NativeCode*> native_{nullptr};
+  mutable std::atomic<uint32_t> batches_{0};
 };
 
 }  // namespace fr

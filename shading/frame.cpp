@@ -19,16 +19,12 @@ void Frame::layOut() {
   memory_.reserve(varyingFloats + size_t(e.blocks()) * kLanePad + kLanePad);
   // Registers start at zero: unset variables and padding lanes are defined numbers.
   std::memset(memory_.data(), 0, memory_.size() * sizeof(float));
-  float* const blocks = memory_.data() + varyingFloats;
+  blocks_ = memory_.data() + varyingFloats;
   symbols_.resize(p.symbols.size());
+  columns_.resize(e.columnCount());
   for (uint32_t i = 0; i < p.symbols.size(); ++i) {
-    const SymbolPlace& place = e.place(i);
-    if (p.symbols[i].type == SlType::kString)
-      symbols_[i] = Operand{};
-    else if (place.varying)
-      symbols_[i] = Operand{memory_.data() + size_t(place.first) * lanes_, lanes_, ~0u};
-    else
-      symbols_[i] = Operand{blocks + size_t(place.first) * kLanePad, kLanePad, kLanePad - 1};
+    symbols_[i] = ownRegister(i);
+    for (uint32_t c = 0; c < p.symbols[i].floats(); ++c) columns_[e.firstColumn(i) + c] = symbols_[i].comp(c);
   }
   args_.resize(p.args.size());
   for (size_t i = 0; i < p.args.size(); ++i) args_[i] = symbols_[p.args[i] & kArgIndex];
@@ -52,30 +48,66 @@ void Frame::layOut() {
   counters_ = reinterpret_cast<uint32_t*>(blockMasks_ + 3 * control.size() * lanes_);
 }
 
-void Frame::prepare(const ShaderInstance& instance, uint32_t lanes) {
+Operand Frame::ownRegister(uint32_t symbol) const {
+  const SymbolPlace& place = exe().place(symbol);
+  if (exe().program().symbols[symbol].type == SlType::kString) return {};
+  if (place.varying) return {memory_.data() + size_t(place.first) * lanes_, lanes_, ~0u};
+  return {blocks_ + size_t(place.first) * kLanePad, kLanePad, kLanePad - 1};
+}
+
+void Frame::place(GlobalId id, const Operand& values) {
+  const uint32_t s = exe().global(id);
+  if (s == kNoIndex) return;
+  Operand& now = symbols_[s];
+  if (now.data == values.data && now.component == values.component) return;
+  now = values;
+  for (const uint32_t k : exe().argsOf(id)) args_[k] = values;
+  for (uint32_t c = 0; c < exe().program().symbols[s].floats(); ++c)
+    columns_[exe().firstColumn(s) + c] = values.comp(c);
+}
+
+bool Frame::alias(GlobalId id, const Operand& values) {
+  const uint32_t s = exe().global(id);
+  if (s == kNoIndex || !values.data || (exe().program().writesGlobals & globalBit(id)) ||
+      values.varying() != exe().varying(s))
+    return false;
+  place(id, values);
+  return true;
+}
+
+void Frame::unalias(GlobalId id) {
+  const uint32_t s = exe().global(id);
+  if (s != kNoIndex) place(id, ownRegister(s));
+}
+
+void Frame::prepare(const ShaderInstance& instance, uint32_t lanes, bool sent) {
   instance_ = &instance;
-  if (laidOut_ != instance.exe.get() || lanes_ != lanes) {
-    laidOut_ = instance.exe.get();
+  if (laidOut_ != instance.exe || lanes_ != lanes) {
+    laidOut_ = instance.exe;
     lanes_ = lanes;
     layOut();
+    filled_ = 0;
   }
-  // Local variables start at zero, so that a variable that a shader forgets to set does not hold the last
-  // batch.
   const Executable& e = exe();
-  std::memset(memory_.data(), 0, size_t(e.localColumns()) * lanes_ * sizeof(float));
-  std::memset(memory_.data() + size_t(e.columns()) * lanes_, 0,
-              size_t(e.localBlocks()) * kLanePad * sizeof(float));
-  const ShaderProgram& p = exe().program();
+  native_ = e.native();
+  const ShaderProgram& p = e.program();
+  // Variables that may be read before they are set start at zero, so that they do not hold the last batch.
+  for (const uint32_t s : e.zeroed())
+    for (uint32_t c = 0; c < p.symbols[s].floats(); ++c)
+      std::memset(symbols_[s].comp(c), 0, (symbols_[s].varying() ? lanes_ : kLanePad) * sizeof(float));
+  const bool fill = filled_ != instance.serial || instance.serial == 0 || sent;
   for (uint32_t i = 0; i < p.parameters.size(); ++i) {
     const uint32_t s = p.parameters[i].symbol;
+    if (!fill && p.symbols[s].storage == Storage::kParameter && !e.varying(s)) continue;
     const ShaderValue& v = instance.values[i];
     if (p.symbols[s].type == SlType::kString)
-      for (uint32_t k = 0; k < v.strings.size(); ++k) strings_[exe().place(s).first + k] = v.strings[k];
+      for (uint32_t k = 0; k < v.strings.size(); ++k) strings_[e.place(s).first + k] = v.strings[k];
     else
       fillUniform(symbols_[s], v.floats.data(), uint32_t(v.floats.size()), lanes_);
   }
-  std::memset(counters_, 0, size_t(exe().counters()) * lanes_ * sizeof(uint32_t));
-  std::memset(lit, 0, lanes_ * sizeof(int32_t));
+  filled_ = instance.serial;
+  std::memset(counters_, 0, size_t(e.counters()) * lanes_ * sizeof(uint32_t));
+  if (p.type == ShaderType::kLight) std::memset(lit, 0, lanes_ * sizeof(int32_t));
   depth = 0;
   rayPhase = raySample = 0;
   finished = true;

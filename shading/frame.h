@@ -54,8 +54,17 @@ struct Control {
 class Frame {
  public:
   /// Lays registers out for `lanes` points, writes constants and parameter values. Cheap when the frame ran
-  /// the same instance over as many lanes before.
-  void prepare(const ShaderInstance& instance, uint32_t lanes);
+  /// the same instance over as many lanes before. `sent`: parameters have been written to from outside since.
+  void prepare(const ShaderInstance& instance, uint32_t lanes, bool sent = false);
+  /// Puts a global where the caller's values are, if the program only reads it and has as many values of it.
+  /// The values stay valid until the shader is done.
+  bool alias(GlobalId id, const Operand& values);
+  /// The opposite: the global has a register of its own.
+  void unalias(GlobalId id);
+  /// Points a global's operands elsewhere; columns as those of its register.
+  void place(GlobalId id, const Operand& values);
+  /// The register that belongs to a symbol, wherever its operands point now.
+  Operand ownRegister(uint32_t symbol) const;
   /// Sets the program counter to the body's first instruction and activates the points of `mask`.
   void start(const int32_t* mask);
 
@@ -71,6 +80,10 @@ class Frame {
     return s == kNoIndex ? Operand{} : symbols_[s];
   }
   uint32_t lanes() const { return lanes_; }
+  /// Machine code of the program, nullptr while there is none.
+  const NativeCode* native() const { return native_; }
+  /// Where the components of all symbols are, by Executable::firstColumn().
+  float* const* columns() const { return columns_.data(); }
 
   Control& push(Control::Kind kind);
   void pop() { --depth; }
@@ -92,12 +105,16 @@ class Frame {
  private:
   void layOut();
   const ShaderInstance* instance_ = nullptr;
-  const Executable* laidOut_ = nullptr;
+  std::shared_ptr<const Executable> laidOut_;
+  uint64_t filled_ = 0;  // serial of the instance whose parameters are in their registers
+  const NativeCode* native_ = nullptr;
   uint32_t lanes_ = 0;
   AlignedFloats memory_, masks_;
   uint32_t* counters_ = nullptr;
   int32_t* blockMasks_ = nullptr;
+  float* blocks_ = nullptr;  // uniform registers
   std::vector<Operand> symbols_, args_;
+  std::vector<float*> columns_;
   std::vector<std::string_view> strings_;
 };
 

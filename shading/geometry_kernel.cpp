@@ -62,19 +62,17 @@ FR_INLINE M4 inverse(const M4& m) {
   M4 r;
   const V det = adjugate(m, r);
   const V inv = divide(splat(1.0f), det);
-  for (int c = 0; c < 16; ++c) r.e[c] = det == 0.0f ? splat(c % 5 == 0 ? 1.0f : 0.0f) : r.e[c] * inv;
+  for (int c = 0; c < 16; ++c) r.e[c] = select(det == 0.0f, splat(c % 5 == 0 ? 1.0f : 0.0f), r.e[c] * inv);
   return r;
 }
 FR_INLINE V3 transformPoint(const M4& m, V3 p) {
   const V* e = m.e;
-  V3 r = {p.x * e[0] + p.y * e[4] + p.z * e[8] + e[12], p.x * e[1] + p.y * e[5] + p.z * e[9] + e[13],
-          p.x * e[2] + p.y * e[6] + p.z * e[10] + e[14]};
-  const V w = p.x * e[3] + p.y * e[7] + p.z * e[11] + e[15];
-  if (anyLane(w != 1.0f)) {
-    const VI affine = w == 1.0f;
-    r = select(affine, r, {divide(r.x, w), divide(r.y, w), divide(r.z, w)});
-  }
-  return r;
+  const V in[4] = {p.x * e[0] + p.y * e[4] + p.z * e[8] + e[12], p.x * e[1] + p.y * e[5] + p.z * e[9] + e[13],
+                   p.x * e[2] + p.y * e[6] + p.z * e[10] + e[14],
+                   p.x * e[3] + p.y * e[7] + p.z * e[11] + e[15]};
+  V r[3] = {in[0], in[1], in[2]};
+  rarely<Homogeneous>(in[3] != 1.0f, in, r);
+  return {r[0], r[1], r[2]};
 }
 FR_INLINE V3 transformVector(const M4& m, V3 p) {
   const V* e = m.e;
@@ -85,7 +83,7 @@ FR_INLINE V3 transformNormal(const M4& m, V3 p) {
   const V3 a = {m.e[0], m.e[1], m.e[2]}, b = {m.e[4], m.e[5], m.e[6]}, c = {m.e[8], m.e[9], m.e[10]};
   const V3 bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
   const V det = dot(a, bc);
-  const V inv = det == 0.0f ? splat(1.0f) : divide(splat(1.0f), det);
+  const V inv = select(det == 0.0f, splat(1.0f), divide(splat(1.0f), det));
   return {(p.x * bc.x + p.y * ca.x + p.z * ab.x) * inv, (p.x * bc.y + p.y * ca.y + p.z * ab.y) * inv,
           (p.x * bc.z + p.y * ca.z + p.z * ab.z) * inv};
 }
@@ -194,8 +192,8 @@ constexpr float kFromXyz[9] = {3.2404542f, -1.5371385f, -0.4985314f, -0.9692660f
 FR_INLINE V hueOf(V3 c, V largest, V range) {
   const V r = divide(c.y - c.z, range), g = divide(c.z - c.x, range) + 2.0f,
           b = divide(c.x - c.y, range) + 4.0f;
-  const V h = (c.x == largest ? r : (c.y == largest ? g : b)) * 0.166666667f;
-  return range == 0.0f ? V{} : (h < 0.0f ? h + 1.0f : h);
+  const V h = select(c.x == largest, r, select(c.y == largest, g, b)) * 0.166666667f;
+  return select(range == 0.0f, V{}, select(h < 0.0f, h + 1.0f, h));
 }
 /// Fully saturated, fully bright colour of a hue.
 FR_INLINE V3 ofHue(V h) {

@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "shading/ir.h"
+#include "shading/rare_case.h"
 
 namespace fr {
 
@@ -65,8 +66,13 @@ enum class ColorSpace : uint32_t { kRgb, kHsv, kHsl, kXyz, kXyY, kYiq };
 struct KernelTable {
   Kernel op[size_t(Op::kCount)] = {};  // nullptr: the machine does it
   Kernel helper[size_t(Helper::kCount)] = {};
+  /// Rare cases for code that is made at run time: `in` and `results` hold `lanes` floats of every value,
+  /// results change where `where` is set. nullptr where no such code is made.
+  void (*rare[size_t(RareCase::kCount)])(const float* in, float* results, const int32_t* where) = {};
+  uint32_t lanes = 0;  // of one vector
   /// True when any lane of the mask is set.
   bool (*anyActive)(const int32_t* mask, uint32_t lanes) = nullptr;
+  uint32_t (*countActive)(const int32_t* mask, uint32_t lanes) = nullptr;
 };
 
 /// The table of the instruction set that base/isa.h picks. Thread-safe.

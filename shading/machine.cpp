@@ -33,14 +33,26 @@ void DerivativeStencil::resize(size_t lanes) {
 
 bool Machine::any(const int32_t* m) const { return kernels().anyActive(m, batch_.lanes); }
 
+namespace {
+/// Globals that the machine itself changes while a shader runs.
+bool changesWhileRunning(GlobalId id, ShaderType type) {
+  if (id == GlobalId::k_L || id == GlobalId::k_Cl || id == GlobalId::k_Ol) return true;
+  return type == ShaderType::kLight &&
+         (id == GlobalId::k_P || id == GlobalId::k_N || id == GlobalId::k_Ns || id == GlobalId::k_Ps);
+}
+}  // namespace
+
 void Machine::setGlobals(Frame& f) {
-  for (size_t g = 0; g < size_t(GlobalId::kCount); ++g) {
-    const Operand in = batch_.globals[g];
-    const Operand out = f.global(GlobalId(g));
-    if (!out.data) continue;
-    const uint32_t comps = slTypeFloats(globalInfo(GlobalId(g)).type);
+  const Executable& e = f.exe();
+  for (const GlobalId id : e.usedGlobals()) {
+    const Operand in = batch_.globals[size_t(id)];
+    if (!changesWhileRunning(id, e.program().type) && f.alias(id, in)) continue;
+    f.unalias(id);
+    const uint32_t s = e.global(id);
+    if (!e.liveAtEntry(s)) continue;
+    const Operand out = f.symbol(s);
     const uint32_t n = out.varying() ? f.lanes() : kLanePad;
-    for (uint32_t c = 0; c < comps; ++c) {
+    for (uint32_t c = 0; c < e.program().symbols[s].floats(); ++c) {
       float* const to = out.comp(c);
       if (!in.data)
         std::memset(to, 0, n * sizeof(float));
@@ -108,12 +120,10 @@ Operand Machine::result(std::string_view name) const {
 }
 
 void Machine::beginDefaults(const ShaderInstance& shader) {
-  alignas(64) static const int32_t all[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
-                                                    -1, -1, -1, -1, -1, -1, -1, -1};
   Batch b;
   b.lanes = kLanePad;
   b.points = b.asking = 1;
-  b.mask = all;
+  b.mask = kAllActive;
   b.raysAllowed = false;
   begin(b, shader, {}, {});
 }
@@ -137,6 +147,7 @@ ShaderValue Machine::runDefault(const Parameter& p) {
 Machine::Next Machine::execute(Frame& f) {
   const std::vector<Step>& steps = f.exe().steps();
   const uint32_t end = f.end;
+  const NativeCode* const native = f.native();
   // Active points are counted once for all instructions between two changes of the mask.
   uint64_t active = kUncounted;
   while (f.pc < end) {
@@ -151,6 +162,17 @@ Machine::Next Machine::execute(Frame& f) {
       ++f.pc;
       continue;
     }
+    if (const NativeCode::Run* const run = native ? native->at(f.pc) : nullptr) {
+      if (run->varyingSteps) {
+        if (active == kUncounted) active = kernels().countActive(f.mask, f.lanes());
+        statistics_.lanesActive += active * run->varyingSteps;
+        statistics_.lanesTotal += uint64_t(f.lanes()) * run->varyingSteps;
+      }
+      statistics_.steps += run->steps;
+      run->function(f.columns(), f.lanes() * sizeof(float), f.mask);
+      f.pc = run->end;
+      continue;
+    }
     ++statistics_.steps;
     if (s.kernel) {
       KernelCall c;
@@ -159,11 +181,7 @@ Machine::Next Machine::execute(Frame& f) {
       c.lanes = s.varying ? f.lanes() : kLanePad;
       c.mask = s.varying ? f.mask : kAllActive;
       if (s.varying) {
-        if (active == kUncounted) {
-          int32_t sum = 0;
-          for (uint32_t i = 0; i < c.lanes; ++i) sum -= f.mask[i];
-          active = uint64_t(sum);
-        }
+        if (active == kUncounted) active = kernels().countActive(f.mask, c.lanes);
         statistics_.lanesActive += active, statistics_.lanesTotal += c.lanes;
       }
       s.kernel(c);

@@ -114,6 +114,7 @@ class MachineFixture {
     }
     auto exe =
         std::make_shared<Executable>(std::make_shared<const ShaderProgram>(std::move(*program)), varying);
+    if (native) exe->makeNative();
     kept_.push_back(bindShader(exe, shaderToCurrent, settings, host));
     return kept_.back();
   }
@@ -139,6 +140,7 @@ class MachineFixture {
   std::string error;
   std::vector<std::string> includePaths, shadeopPaths;
   int suspensions = 0;
+  bool native = true;  // machine code from the first batch on
   std::function<void(PendingRays&)> oracle;
 
  private:

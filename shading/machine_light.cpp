@@ -44,6 +44,7 @@ bool Machine::matchesCategory(const LightState& l, std::string_view category) co
 void Machine::beginLight(LightState& l) {
   const uint32_t n = batch_.lanes;
   l.begun = true;
+  const bool sent = l.sentTo;
   l.sentTo = false;
   l.ambient = l.instance->exe->has(kProgramAmbientLight);
   const ShaderProgram& p = l.instance->program();
@@ -62,7 +63,7 @@ void Machine::beginLight(LightState& l) {
     l.factor = at;
   }
   std::memset(l.memory.data(), 0, size_t(n) * columns * sizeof(float));
-  l.frame.prepare(*l.instance, n);
+  l.frame.prepare(*l.instance, n, sent);
   setGlobals(l.frame);
   // P is the light's own origin.
   const Operand P = l.frame.global(GlobalId::k_P);

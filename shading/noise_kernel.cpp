@@ -25,7 +25,7 @@ FR_INLINE void loadPoint(const Operand* a, uint32_t i, V* p) {
   }
 }
 template <Kind K, int S, int C>
-__attribute__((flatten)) void noiseKernel(const KernelCall& call) {
+FR_FLATTEN void noiseKernel(const KernelCall& call) {
   constexpr int operands = S == 0 || S == 2 ? 1 : 2;
   Operand a[1 + operands * (K == Kind::kPeriodic ? 2 : 1)];
   for (uint32_t k = 0; k < sizeof(a) / sizeof(a[0]); ++k) a[k] = call.arg[k];

@@ -39,8 +39,11 @@ std::string firstDifference(const std::string& text, uint64_t seed, const std::s
   const uint32_t sizes[][2] = {{0, 0}, {2, 0}, {4, 2}, {6, 4}, {15, 0}, {16, 0}, {10, 5}};
   const auto& size = sizes[seed % std::size(sizes)];
   const bool varyingTint = seed % 3 == 0;
-  for (int optimize = 0; optimize <= 2; ++optimize) {
+  // Every level of optimisation with kernels and with machine code.
+  for (int way = 0; way < 6; ++way) {
+    const int optimize = way / 2;
     MachineFixture m(size[0], size[1]);
+    m.native = way % 2 == 1;
     const ShaderInstance* s = nullptr;
     const auto held = m.shader(
         text, {}, varyingTint ? std::vector<std::string>{"tint", "gain"} : std::vector<std::string>{},
@@ -90,8 +93,8 @@ std::string firstDifference(const std::string& text, uint64_t seed, const std::s
           const float got = o.data ? o.at(i, c) : 0.0f;
           if (std::memcmp(&got, &v.data[c], sizeof(float)) != 0 && !(got == v.data[c]) &&
               !(std::isnan(got) && std::isnan(v.data[c])))
-            return fmt::format("{}[{}] of point {} of {}: {} instead of {}, optimize {}", name, c, i, m.count,
-                               got, v.data[c], optimize);
+            return fmt::format("{}[{}] of point {} of {}: {} instead of {}, optimize {}{}", name, c, i,
+                               m.count, got, v.data[c], optimize, m.native ? ", machine code" : "");
         }
       }
     }

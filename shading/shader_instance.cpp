@@ -1,6 +1,7 @@
 #include "shading/shader_instance.h"
 
 #include <algorithm>
+#include <atomic>
 
 #include "base/error.h"
 #include "shading/machine.h"
@@ -79,6 +80,9 @@ std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executabl
       instance->values[i] = machine->runDefault(parameter);
     }
   }
+  // Only now: default values are computed from the ones before them.
+  static std::atomic<uint64_t> serials{0};
+  instance->serial = serials.fetch_add(1, std::memory_order_relaxed) + 1;
   return instance;
 }
 

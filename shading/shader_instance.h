@@ -84,6 +84,7 @@ struct ShaderInstance {
   uint32_t samples = 1;             // light: Attribute "light" "nsamples"
   std::shared_ptr<const Emitter> emitter;  // light: of AreaLightSource
   uint32_t id = kNoIndex;                  // seed of its random numbers
+  uint64_t serial = 0;                     // the same only for instances with the same values
 
   const ShaderProgram& program() const { return exe->program(); }
   /// Value of a parameter, nullptr if there is none.

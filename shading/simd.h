@@ -1,92 +1,37 @@
-// Vectors of kLanes floats, and elementary functions on them, for the kernels.
+// Elementary functions on vectors of points, for the kernels.
 //
-// Included by *_kernel.cpp files only, which are compiled once per instruction set; everything lives in a
-// namespace of that set. Every function gives the same bits on every set: IEEE operations without
-// contraction, comparisons and integer operations alone. No function traps, and none returns a NaN for finite
-// arguments. Polynomials: S. Moshier, Cephes Mathematical Library, single precision.
+// Included by *_kernel.cpp files only, which are compiled once per instruction set, and once more with values
+// that record what is done to them (simd_recorded.h); everything lives in a namespace of that set. Every
+// function gives the same bits on every set: IEEE operations without contraction, comparisons and integer
+// operations alone. No function traps, and none returns a NaN for finite arguments. Nothing here branches on
+// values but rarely(). Polynomials: S. Moshier, Cephes Mathematical Library, single precision.
 #pragma once
-
-#include <immintrin.h>
-
-#include <cstdint>
 
 #ifndef FR_ISA
 #error "compile with fr_isa_sources()"
 #endif
-#define FR_INLINE static inline __attribute__((always_inline))
+#ifdef FR_ISA_recorded
+#include "shading/simd_recorded.h"
+#else
+#include "shading/simd_native.h"
+#endif
+#include "shading/rare_case.h"
 
 namespace fr::FR_ISA {
 
-#if defined(FR_ISA_avx512)
-inline constexpr uint32_t kLanes = 16;
-#elif defined(FR_ISA_avx2)
-inline constexpr uint32_t kLanes = 8;
-#else
-inline constexpr uint32_t kLanes = 4;
-#endif
-
-typedef float V __attribute__((vector_size(kLanes * 4)));
-typedef int32_t VI __attribute__((vector_size(kLanes * 4)));
-typedef uint32_t VU __attribute__((vector_size(kLanes * 4)));
 struct V3 {
   V x, y, z;
 };
 
 inline constexpr float kLargest = 3.402823466e38f;
 
-FR_INLINE V splat(float f) { return f - V{}; }
-FR_INLINE VI splatInt(int32_t i) { return i - VI{}; }
-FR_INLINE VU splatUint(uint32_t i) { return i - VU{}; }
-FR_INLINE V select(VI m, V a, V b) { return m ? a : b; }
-FR_INLINE VI bits(V v) { return (VI)v; }
-FR_INLINE V fromBits(VI v) { return (V)v; }
-FR_INLINE V vmin(V a, V b) { return a < b ? a : b; }
-FR_INLINE V vmax(V a, V b) { return a > b ? a : b; }
-FR_INLINE V vabs(V a) { return (V)((VI)a & 0x7fffffff); }
+FR_INLINE V vabs(V a) { return fromBits(bits(a) & 0x7fffffff); }
 FR_INLINE V copySign(V magnitude, V sign) {
-  return (V)(((VI)magnitude & 0x7fffffff) | ((VI)sign & (int32_t)0x80000000));
+  return fromBits((bits(magnitude) & 0x7fffffff) | (bits(sign) & (int32_t)0x80000000));
 }
 FR_INLINE V clampTo(V x, float lo, float hi) { return vmin(vmax(x, splat(lo)), splat(hi)); }
 /// 1 where the comparison holds, else 0.
-FR_INLINE V toFlag(VI m) { return (V)(m & (VI)splat(1.0f)); }
-FR_INLINE bool anyLane(VI m) {
-#if defined(FR_ISA_avx512)
-  return _mm512_test_epi32_mask((__m512i)m, (__m512i)m) != 0;
-#elif defined(FR_ISA_avx2)
-  return _mm256_testz_si256((__m256i)m, (__m256i)m) == 0;
-#else
-  return _mm_testz_si128((__m128i)m, (__m128i)m) == 0;
-#endif
-}
-FR_INLINE V rawSqrt(V x) {
-#if defined(FR_ISA_avx512)
-  return (V)_mm512_maskz_sqrt_ps(0xffff, (__m512)x);
-#elif defined(FR_ISA_avx2)
-  return (V)_mm256_sqrt_ps((__m256)x);
-#else
-  return (V)_mm_sqrt_ps((__m128)x);
-#endif
-}
-FR_INLINE V vfloor(V x) {
-#if defined(FR_ISA_avx512)
-  return (V)_mm512_maskz_roundscale_ps(0xffff, (__m512)x, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
-#elif defined(FR_ISA_avx2)
-  return (V)_mm256_floor_ps((__m256)x);
-#else
-  return (V)_mm_floor_ps((__m128)x);
-#endif
-}
-/// Truncates; out of range: INT_MIN.
-FR_INLINE VI toInt(V x) {
-#if defined(FR_ISA_avx512)
-  return (VI)_mm512_maskz_cvttps_epi32(0xffff, (__m512)x);
-#elif defined(FR_ISA_avx2)
-  return (VI)_mm256_cvttps_epi32((__m256)x);
-#else
-  return (VI)_mm_cvttps_epi32((__m128)x);
-#endif
-}
-FR_INLINE V toFloat(VI x) { return __builtin_convertvector(x, V); }
+FR_INLINE V toFlag(VI m) { return fromBits(m & bits(splat(1.0f))); }
 FR_INLINE V vceil(V x) { return -vfloor(-x); }
 
 /// Below 0: 0.
@@ -94,10 +39,10 @@ FR_INLINE V vsqrt(V x) { return rawSqrt(vmax(x, V{})); }
 /// a / b, finite: 0 where b is 0.
 FR_INLINE V divide(V a, V b) {
   const V q = clampTo(a / b, -kLargest, kLargest);
-  return b == 0.0f ? V{} : q;
+  return select(b == 0.0f, V{}, q);
 }
 FR_INLINE V inverseSqrt(V x) {
-  return x > 0.0f ? splat(1.0f) / rawSqrt(vmax(x, splat(1.17549435e-38f))) : V{};
+  return select(x > 0.0f, splat(1.0f) / rawSqrt(vmax(x, splat(1.17549435e-38f))), V{});
 }
 
 /// 2^n for integral n in -126..127.
@@ -112,16 +57,22 @@ FR_INLINE V expReduced(V r) {
   p = p * r + 5.0000001201e-1f;
   return p * (r * r) + r + 1.0f;
 }
+/// The last piece below overflow.
+struct ExpTop {
+  static constexpr RareCase kCase = RareCase::kExpTop;
+  static constexpr int kInputs = 1, kResults = 1;
+  static void compute(const V* x, V* result) {
+    const V h = expReduced(vmin(x[0] - 88.0f, splat(0.72283905f)));
+    result[0] = vmin(h * 1.6516363e38f, splat(kLargest));  // e^88
+  }
+};
 FR_INLINE V vexp(V x) {
   const V c = clampTo(x, -87.0f, 88.0f);
   const V n = vfloor(c * 1.44269504088896341f + 0.5f);
   const V r = (c - n * 0.693359375f) - n * -2.12194440e-4f;
   V e = expReduced(r) * exp2Int(toInt(n));
-  // The last piece below overflow: e^x = (e^(x/2))^2 stays exact enough.
-  const V h = expReduced((c - 88.0f) + vmin(x - c, splat(0.72283905f)));
-  const V top = h * 1.6516363e38f;  // e^88
-  e = x > 88.0f ? vmin(top, splat(kLargest)) : e;
-  return x < -87.0f ? V{} : e;
+  rarely<ExpTop>(x > 88.0f, &x, &e);
+  return select(x < -87.0f, V{}, e);
 }
 /// x = m 2^e with m in [sqrt(1/2), sqrt(2)), x > 0 normal. Returns ln(m).
 FR_INLINE V logReduced(V x, V& e) {
@@ -130,7 +81,7 @@ FR_INLINE V logReduced(V x, V& e) {
   V m = fromBits((b & 0x007fffff) | 0x3f000000);  // [0.5, 1)
   const VI low = m < 0.707106781186547524f;
   e = toFloat(ei + low);
-  m = (low ? m + m : m) - 1.0f;
+  m = select(low, m + m, m) - 1.0f;
   const V z = m * m;
   V p = splat(7.0376836292e-2f);
   p = p * m - 1.1514610310e-1f;
@@ -148,7 +99,7 @@ FR_INLINE V vlog(V x) {
   V e;
   const V m = logReduced(clampTo(x, 1.17549435e-38f, kLargest), e);
   const V r = (m + e * -2.12194440e-4f) + e * 0.693359375f;
-  return x > 0.0f ? r : splat(-1.0e38f);
+  return select(x > 0.0f, r, splat(-1.0e38f));
 }
 /// 0 for a negative base with a fractional exponent and for 0 to a negative power; overflow: the largest
 /// float.
@@ -165,31 +116,37 @@ FR_INLINE V vpow(V x, V y) {
   const V r = (k * 0.693359375f + yl) - k * 2.12194440e-4f;
   const V nc = clampTo(n, -126.0f, 127.0f);
   V p = expReduced(clampTo(r, -1.0f, 1.0f)) * exp2Int(toInt(nc));
-  p = n > 127.0f ? splat(kLargest) : vmin(p, splat(kLargest));
-  p = n < -126.0f ? V{} : p;
+  p = select(n > 127.0f, splat(kLargest), vmin(p, splat(kLargest)));
+  p = select(n < -126.0f, V{}, p);
   const V fy = vfloor(y);
   const VI integral = fy == y;
   const VI odd = integral & ((fy - 2.0f * vfloor(fy * 0.5f)) != 0.0f);
-  p = x < 0.0f ? (integral ? (odd ? -p : p) : V{}) : p;
-  p = x == 0.0f ? V{} : p;
-  return y == 0.0f ? splat(1.0f) : p;
+  p = select(x < 0.0f, select(integral, select(odd, -p, p), V{}), p);
+  p = select(x == 0.0f, V{}, p);
+  return select(y == 0.0f, splat(1.0f), p);
 }
 
 /// Brings large angles into range in double precision; NaN and infinities become 0.
-static inline __attribute__((noinline)) V reduceLargeAngle(V x) {
-  for (uint32_t i = 0; i < kLanes; ++i) {
-    const double d = double(x[i]);
-    if (!(d > -1e15 && d < 1e15)) {
-      x[i] = 0.0f;
-    } else if (d > 8000.0 || d < -8000.0) {
-      const double t = d * 0.15915494309189533577;
-      x[i] = float((t - double(int64_t(t))) * 6.283185307179586477);
+struct LargeAngle {
+  static constexpr RareCase kCase = RareCase::kLargeAngle;
+  static constexpr int kInputs = 1, kResults = 1;
+#ifndef FR_ISA_recorded
+  static void compute(const V* x, V* result) {
+    for (uint32_t i = 0; i < kLanes; ++i) {
+      const double d = double(x[0][i]);
+      if (!(d > -1e15 && d < 1e15)) {
+        result[0][i] = 0.0f;
+      } else {
+        const double t = d * 0.15915494309189533577;
+        result[0][i] = float((t - double(int64_t(t))) * 6.283185307179586477);
+      }
     }
   }
-  return x;
-}
+#endif
+};
 FR_INLINE void sinCos(V x, V& s, V& c) {
-  if (__builtin_expect(anyLane(~(vabs(x) < 8000.0f)), 0)) x = reduceLargeAngle(x);
+  const V given = x;
+  rarely<LargeAngle>(~(vabs(x) <= 8000.0f), &given, &x);
   V a = vabs(x);
   VI j = (toInt(a * 1.27323954473516f) + 1) & ~1;
   const V y = toFloat(j);
@@ -206,8 +163,8 @@ FR_INLINE void sinCos(V x, V& s, V& c) {
   const VI swap = (j & 2) != 0;
   const VI signS = ((j & 4) << 29) ^ (bits(x) & (int32_t)0x80000000);
   const VI signC = ((j + 2) & 4) << 29;
-  s = fromBits(bits(swap ? pc : ps) ^ signS);
-  c = fromBits(bits(swap ? ps : pc) ^ signC);
+  s = fromBits(bits(select(swap, pc, ps)) ^ signS);
+  c = fromBits(bits(select(swap, ps, pc)) ^ signC);
 }
 FR_INLINE V vsin(V x) {
   V s, c;
@@ -231,25 +188,25 @@ FR_INLINE V vasin(V x0) {
   const V x = clampTo(x0, -1.0f, 1.0f);
   const V a = vabs(x);
   const VI big = a > 0.5f;
-  const V z = big ? (1.0f - a) * 0.5f : a * a;
-  const V r = asinPolynomial(z, big ? rawSqrt(z) : a);
-  return copySign(big ? 1.57079632679489661923f - (r + r) : r, x);
+  const V z = select(big, (1.0f - a) * 0.5f, a * a);
+  const V r = asinPolynomial(z, select(big, rawSqrt(z), a));
+  return copySign(select(big, 1.57079632679489661923f - (r + r), r), x);
 }
 FR_INLINE V vacos(V x0) {
   const V x = clampTo(x0, -1.0f, 1.0f);
   const V a = vabs(x);
   const VI big = a > 0.5f;
-  const V z = big ? (1.0f - a) * 0.5f : a * a;
-  const V r = asinPolynomial(z, big ? rawSqrt(z) : a);
-  const V nearOne = x < 0.0f ? 3.14159265358979323846f - (r + r) : r + r;
-  return big ? nearOne : 1.57079632679489661923f - copySign(r, x);
+  const V z = select(big, (1.0f - a) * 0.5f, a * a);
+  const V r = asinPolynomial(z, select(big, rawSqrt(z), a));
+  const V nearOne = select(x < 0.0f, 3.14159265358979323846f - (r + r), r + r);
+  return select(big, nearOne, 1.57079632679489661923f - copySign(r, x));
 }
 FR_INLINE V vatan(V x) {
   const V a = vabs(x);
   const VI big = a > 2.414213562373095f;
   const VI mid = a > 0.4142135623730950f;
-  const V t = big ? divide(splat(-1.0f), a) : (mid ? (a - 1.0f) / (a + 1.0f) : a);
-  const V base = big ? splat(1.57079632679489661923f) : (mid ? splat(0.785398163397448310f) : V{});
+  const V t = select(big, divide(splat(-1.0f), a), select(mid, (a - 1.0f) / (a + 1.0f), a));
+  const V base = select(big, splat(1.57079632679489661923f), select(mid, splat(0.785398163397448310f), V{}));
   const V z = t * t;
   V p = splat(8.05374449538e-2f);
   p = p * z - 1.38776856032e-1f;
@@ -260,9 +217,9 @@ FR_INLINE V vatan(V x) {
 /// atan2(0, 0) is 0.
 FR_INLINE V vatan2(V y, V x) {
   const V q = vatan(vmin(divide(vabs(y), vabs(x)), splat(kLargest)));
-  V r = x == 0.0f ? splat(1.57079632679489661923f) : q;
-  r = x < 0.0f ? 3.14159265358979323846f - r : r;
-  r = (y == 0.0f) & (x >= 0.0f) ? V{} : r;
+  V r = select(x == 0.0f, splat(1.57079632679489661923f), q);
+  r = select(x < 0.0f, 3.14159265358979323846f - r, r);
+  r = select((y == 0.0f) & (x >= 0.0f), V{}, r);
   return copySign(r, y);
 }
 /// Abramowitz and Stegun 7.1.26 on erfc, with the series near 0; absolute error below 3e-7.
@@ -282,7 +239,7 @@ FR_INLINE V verf(V x) {
   q = q * z - 0.11283792f;
   q = q * z + 0.37612639f;
   q = 1.12837917f - q * z;
-  return copySign(a < 0.5f ? q * a : large, x);
+  return copySign(select(a < 0.5f, q * a, large), x);
 }
 
 FR_INLINE V dot(V3 a, V3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
@@ -295,28 +252,53 @@ FR_INLINE V3 cross(V3 a, V3 b) {
 FR_INLINE V3 select(VI m, V3 a, V3 b) {
   return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
 }
+/// Squares of vectors outside of these limits lose digits or are infinite.
+FR_INLINE VI extremeSquare(V d) { return ~((d >= 1.0e-30f) & (d <= 1.0e36f)); }
+struct ExtremeLength {
+  static constexpr RareCase kCase = RareCase::kLength;
+  static constexpr int kInputs = 3, kResults = 1;
+  static void compute(const V* a, V* result) {
+    const V m = vmax(vabs(a[0]), vmax(vabs(a[1]), vabs(a[2])));
+    const V inv = select(m > 0.0f, 1.0f / vmax(m, splat(1.17549435e-38f)), V{});
+    const V3 b = scale({a[0], a[1], a[2]}, inv);
+    result[0] = vmin(m * rawSqrt(dot(b, b)), splat(kLargest));
+  }
+};
 /// Length without overflow or underflow for any finite vector.
 FR_INLINE V length(V3 a) {
-  const V m = vmax(vabs(a.x), vmax(vabs(a.y), vabs(a.z)));
-  const VI extreme = (m > 1.0e18f) | (m < 1.0e-15f);
-  if (__builtin_expect(anyLane(extreme), 0)) {
-    const V inv = m > 0.0f ? 1.0f / vmax(m, splat(1.17549435e-38f)) : V{};
-    const V3 b = scale(a, inv);
-    return select(extreme, vmin(m * rawSqrt(dot(b, b)), splat(kLargest)), rawSqrt(dot(a, a)));
-  }
-  return rawSqrt(dot(a, a));
+  const V d = dot(a, a);
+  const V in[3] = {a.x, a.y, a.z};
+  V result = rawSqrt(d);
+  rarely<ExtremeLength>(extremeSquare(d), in, &result);
+  return result;
 }
+struct ExtremeNormalize {
+  static constexpr RareCase kCase = RareCase::kNormalize;
+  static constexpr int kInputs = 3, kResults = 3;
+  static void compute(const V* a, V* result) {
+    const V m = vmax(vabs(a[0]), vmax(vabs(a[1]), vabs(a[2])));
+    const V3 b = scale({a[0], a[1], a[2]}, select(m > 1.0e15f, splat(1.0e-20f),
+                                                  select(m < 1.0e-12f, splat(1.0e20f), splat(1.0f))));
+    const V d = dot(b, b);
+    const V inv = select(d > 0.0f, 1.0f / rawSqrt(d), V{});
+    result[0] = b.x * inv, result[1] = b.y * inv, result[2] = b.z * inv;
+  }
+};
 /// 0 stays 0.
 FR_INLINE V3 normalize(V3 a) {
-  const V m = vmax(vabs(a.x), vmax(vabs(a.y), vabs(a.z)));
-  const VI extreme = (m > 1.0e18f) | (m < 1.0e-15f);
-  if (__builtin_expect(anyLane(extreme), 0)) {
-    const V down = m > 1.0e18f ? splat(1.0e-20f) : (m < 1.0e-15f ? splat(1.0e20f) : splat(1.0f));
-    a = scale(a, down);
-  }
   const V d = dot(a, a);
-  const V inv = d > 0.0f ? 1.0f / rawSqrt(d) : V{};
-  return scale(a, inv);
+  const V inv = 1.0f / rawSqrt(d);
+  const V in[3] = {a.x, a.y, a.z};
+  V result[3] = {a.x * inv, a.y * inv, a.z * inv};
+  rarely<ExtremeNormalize>(extremeSquare(d), in, result);
+  return {result[0], result[1], result[2]};
 }
+struct Homogeneous {
+  static constexpr RareCase kCase = RareCase::kHomogeneous;
+  static constexpr int kInputs = 4, kResults = 3;
+  static void compute(const V* p, V* result) {
+    for (int k = 0; k < 3; ++k) result[k] = divide(p[k], p[3]);
+  }
+};
 
 }  // namespace fr::FR_ISA

@@ -1,0 +1,274 @@
+// Machine code against the kernels, bit for bit: every operation alone, with operands of all kinds and with
+// numbers of all kinds; and what the compiler of runs has to get right by itself.
+#include "shading/native_code.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+
+#include "shading/machine_fixture.h"
+#include "shading/recorded_kernels.h"
+
+namespace fr {
+namespace {
+
+constexpr uint32_t kTestLanes = 64;
+
+/// Columns in a row, each as long as the batch.
+struct Columns {
+  explicit Columns(uint32_t n) : count(n) {
+    memory.reserve(size_t(n) * kTestLanes);
+    for (uint32_t c = 0; c < n; ++c) pointers.push_back(memory.data() + size_t(c) * kTestLanes);
+    std::memset(memory.data(), 0, size_t(n) * kTestLanes * sizeof(float));
+  }
+  uint32_t count;
+  AlignedFloats memory;
+  std::vector<float*> pointers;
+};
+
+class PlainRecorder final : public OperandRecorder {
+ public:
+  PlainRecorder(ValueGraph& graph, std::vector<uint32_t> first, std::vector<bool> uniform)
+      : graph_(graph), first_(std::move(first)), uniform_(std::move(uniform)) {}
+  NodeIndex read(uint32_t operand, uint32_t component) override {
+    const uint32_t column = first_[operand] + component;
+    for (const RunOutput& o : outputs)
+      if (o.column == column) return o.value;
+    return graph_.load(column, uniform_[operand]);
+  }
+  void write(uint32_t operand, uint32_t component, NodeIndex value) override {
+    const uint32_t column = first_[operand] + component;
+    std::erase_if(outputs, [&](const RunOutput& o) { return o.column == column; });
+    outputs.push_back({column, value, uniform_[operand], false});
+  }
+  std::vector<RunOutput> outputs;
+
+ private:
+  ValueGraph& graph_;
+  std::vector<uint32_t> first_;
+  std::vector<bool> uniform_;
+};
+
+struct Compiled {
+  std::unique_ptr<NativeMemory> memory;
+  RunFunction function = nullptr;
+};
+Compiled compiled(const ValueGraph& graph, const std::vector<RunOutput>& outputs, bool skip) {
+  Compiled c;
+  c.memory = NativeMemory::of(compileRun(graph, outputs, skip));
+  if (c.memory) c.function = reinterpret_cast<RunFunction>(reinterpret_cast<uintptr_t>(c.memory->at(0)));
+  return c;
+}
+
+/// Numbers of every size, integers, zeros of both signs, and what is no number.
+float someNumber(std::mt19937& random, bool wild) {
+  const auto kind = uint32_t(random() % (wild ? 16u : 10u));
+  const float unit = float(random() >> 8) * 0x1p-24f, sign = random() & 1 ? 1.0f : -1.0f;
+  if (kind < 5) return sign * unit * 4;
+  if (kind < 7) return float(int(random() % 9) - 4);
+  if (kind < 9) return sign * std::exp((unit - .5f) * 40);
+  if (kind == 9) return sign * 0.0f;
+  if (kind == 10) return sign * INFINITY;
+  if (kind == 11) return NAN;
+  if (kind == 12) return sign * 3.4e38f * unit;
+  if (kind == 13) return sign * 1e-38f * unit;
+  if (kind == 14) return sign * 1e9f * unit;
+  return sign * std::exp((unit - .5f) * 170);
+}
+bool same(float a, float b) { return std::memcmp(&a, &b, sizeof a) == 0 || (std::isnan(a) && std::isnan(b)); }
+uint32_t floatsOf(char c) {
+  return c == 'F' || c == 'f' ? 1 : c == 'T' || c == 't' || c == '!' ? 3 : c == 'M' || c == 'm' ? 16 : 0;
+}
+
+class NativeRuns : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!nativeCodeAvailable()) GTEST_SKIP() << "no machine code here";
+  }
+};
+
+TEST_F(NativeRuns, EveryOperationAgreesWithItsKernel) {
+  int tested = 0;
+  for (size_t k = 0; k < size_t(Op::kCount); ++k) {
+    const OpInfo& info = opInfo(Op(k));
+    if (!recordedKernels().op[k]) continue;
+    ASSERT_NE(kernels().op[k], nullptr) << info.name;
+    // setcomp_m is the one whose first operand is a matrix.
+    std::string signature = info.signature;
+    const bool matrix = Op(k) == Op::setcomp_m;
+    for (int round = 0; round < 24; ++round) {
+      std::mt19937 random(uint32_t(k * 100 + size_t(round)));
+      std::vector<uint32_t> first, width;
+      std::vector<bool> uniform;
+      uint32_t columns = 0;
+      // All varying, all uniform, mixtures.
+      for (const char c : signature) {
+        first.push_back(columns);
+        width.push_back(c == '!' && matrix ? 16 : floatsOf(c));
+        ASSERT_GT(width.back(), 0u) << info.name << ' ' << signature;
+        uniform.push_back(round % 4 == 0 ? false : round % 4 == 1 ? true : random() % 2 == 0);
+        columns += width.back();
+      }
+      bool all = true;
+      for (size_t o = 0; o < signature.size(); ++o)
+        if (!std::isupper(signature[o]) && signature[o] != '!') all = all && uniform[o];
+      for (size_t o = 0; o < signature.size(); ++o)
+        if (std::isupper(signature[o]) || signature[o] == '!') uniform[o] = all && uniform[o];
+      Columns a(columns), b(columns);
+      for (size_t o = 0; o < signature.size(); ++o)
+        for (uint32_t c = first[o]; c < first[o] + width[o]; ++c) {
+          const float fixed = someNumber(random, round >= 8);
+          for (uint32_t i = 0; i < kTestLanes; ++i)
+            a.pointers[c][i] = b.pointers[c][i] = uniform[o] ? fixed : someNumber(random, round >= 8);
+        }
+      std::vector<Operand> operands;
+      for (size_t o = 0; o < signature.size(); ++o)
+        operands.push_back({a.pointers[first[o]], kTestLanes, uniform[o] ? kLanePad - 1 : ~0u});
+      alignas(64) int32_t mask[kTestLanes];
+      std::fill_n(mask, kTestLanes, -1);
+      KernelCall call;
+      call.arg = operands.data(), call.argCount = uint32_t(operands.size());
+      call.lanes = uniform[0] ? kLanePad : kTestLanes, call.mask = mask;
+      kernels().op[k](call);
+
+      ValueGraph graph;
+      PlainRecorder recorder(graph, first, uniform);
+      {
+        const RecordingScope scope(graph);
+        std::vector<recorded::Operand> r;
+        for (uint32_t o = 0; o < signature.size(); ++o) r.push_back({&recorder, o});
+        recorded::KernelCall recording;
+        recording.arg = r.data(), recording.argCount = uint32_t(r.size());
+        recordedKernels().op[k](recording);
+      }
+      const Compiled run = compiled(graph, recorder.outputs, false);
+      ASSERT_NE(run.function, nullptr);
+      run.function(b.pointers.data(), kTestLanes * sizeof(float), mask);
+      for (uint32_t c = 0; c < columns; ++c)
+        for (uint32_t i = 0; i < (uniform[0] ? kLanePad : kTestLanes); ++i)
+          ASSERT_TRUE(same(a.pointers[c][i], b.pointers[c][i]))
+              << info.name << " round " << round << " column " << c << " lane " << i << ": "
+              << b.pointers[c][i] << " instead of " << a.pointers[c][i];
+    }
+    ++tested;
+  }
+  EXPECT_GT(tested, 100);
+}
+
+TEST_F(NativeRuns, MoreValuesThanRegistersAndColumnsThatChangePlaces) {
+  // Sums of all pairs of 24 columns, all alive until the end; then columns are rotated among themselves.
+  constexpr uint32_t n = 24;
+  ValueGraph graph;
+  std::vector<NodeIndex> loads, sums;
+  for (uint32_t c = 0; c < n; ++c) loads.push_back(graph.load(c, false));
+  for (uint32_t c = 0; c < n; ++c)
+    for (uint32_t d = 0; d < c; ++d)
+      sums.push_back(graph.binary(VectorOp::kSub, graph.binary(VectorOp::kMul, loads[c], loads[d]),
+                                  graph.constant(float(c) + .5f)));
+  NodeIndex total = graph.constant(0.0f);
+  for (size_t k = sums.size(); k-- > 0;) total = graph.binary(VectorOp::kAdd, sums[k], total);
+  std::vector<RunOutput> outputs;
+  for (uint32_t c = 0; c < n; ++c) outputs.push_back({c, loads[(c + 1) % n], false, false});
+  outputs.push_back({n, total, false, true});
+  graph.mask();
+  Columns a(n + 1);
+  std::mt19937 random(5);
+  std::vector<std::vector<float>> before(n, std::vector<float>(kTestLanes));
+  alignas(64) int32_t mask[kTestLanes];
+  for (uint32_t i = 0; i < kTestLanes; ++i) {
+    mask[i] = i / 8 == 2 || i % 3 == 1 ? 0 : -1;
+    a.pointers[n][i] = 77;
+    for (uint32_t c = 0; c < n; ++c) before[c][i] = a.pointers[c][i] = float(random() % 1000) / 16;
+  }
+  const Compiled run = compiled(graph, outputs, true);
+  ASSERT_NE(run.function, nullptr);
+  run.function(a.pointers.data(), kTestLanes * sizeof(float), mask);
+  for (uint32_t i = 0; i < kTestLanes; ++i) {
+    // Vectors without an active point are left alone altogether.
+    const bool skipped = i / 8 == 2;
+    float sum = 0;
+    for (uint32_t c = n; c-- > 0;)
+      for (uint32_t d = c; d-- > 0;) sum = before[c][i] * before[d][i] - (float(c) + .5f) + sum;
+    EXPECT_EQ(a.pointers[n][i], mask[i] ? sum : 77.0f) << i;
+    for (uint32_t c = 0; c < n; ++c)
+      EXPECT_EQ(a.pointers[c][i], skipped ? before[c][i] : before[(c + 1) % n][i]) << c << ' ' << i;
+  }
+}
+
+TEST_F(NativeRuns, EqualValuesAreOneNodeAndConstantsAreFolded) {
+  ValueGraph g;
+  const NodeIndex x = g.load(0, false), y = g.load(1, false), two = g.constant(2.0f);
+  EXPECT_EQ(g.binary(VectorOp::kAdd, x, y), g.binary(VectorOp::kAdd, y, x));
+  EXPECT_NE(g.binary(VectorOp::kSub, x, y), g.binary(VectorOp::kSub, y, x));
+  EXPECT_EQ(g.binary(VectorOp::kMul, two, two), g.constant(4.0f));
+  EXPECT_EQ(g.binary(VectorOp::kMul, x, g.constant(1.0f)), x);
+  EXPECT_EQ(g.binary(VectorOp::kDiv, x, two), g.binary(VectorOp::kMul, x, g.constant(.5f)));
+  // x + 0 is not x where x is -0.
+  EXPECT_NE(g.binary(VectorOp::kAdd, x, g.constant(0.0f)), x);
+  EXPECT_EQ(g.binary(VectorOp::kAdd, x, g.constant(-0.0f)), x);
+  const NodeIndex m = g.binary(VectorOp::kCompare, x, y, uint32_t(Compare::kLess));
+  EXPECT_EQ(g.select(m, x, x), x);
+  EXPECT_EQ(g.select(g.constant(~0u), x, y), x);
+  EXPECT_EQ(g.select(g.binary(VectorOp::kXor, m, g.constant(~0u)), x, y), g.select(m, y, x));
+}
+
+/// Ci of a shader by kernels and by machine code, at one size of batch.
+void expectSameColors(const std::string& source, uint32_t nu, uint32_t nv) {
+  MachineFixture kernelsOnly(nu, nv), code(nu, nv);
+  kernelsOnly.native = false;
+  const auto a = kernelsOnly.shader(source), b = code.shader(source);
+  ASSERT_TRUE(a && b) << kernelsOnly.error;
+  EXPECT_EQ(a->exe->native() != nullptr, false);
+  ASSERT_NE(b->exe->native(), nullptr);
+  kernelsOnly.run(*a);
+  code.run(*b);
+  for (uint32_t i = 0; i < code.count; ++i)
+    for (uint32_t c = 0; c < 3; ++c)
+      EXPECT_TRUE(same(kernelsOnly.Ci(i, c), code.Ci(i, c))) << i << ' ' << c << ' ' << code.Ci(i, c);
+}
+
+TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
+  const char* const sources[] = {
+      "surface a() { float x = u, y = 0; if (x > .5) { y = sqrt(x); x = v; } else y = -x;"
+      " float i; for (i = 0; i < 3; i += 1) { if (v < .3) break; y += x * i; } Ci = color (x, y, i); Oi = 1; "
+      "}",
+      "surface b() { float f(float x) { if (x > .6) return 2; return noise(4 * P); }"
+      " Ci = color (f(u), f(v), f(u * v)) + normalize(P) * 1e-30; Oi = 1; }",
+      "surface c() { float k[4]; float i; for (i = 0; i < 4; i += 1) k[i] = u * i; Ci = k[floor(4 * v)]; Oi "
+      "= 1; }",
+      // A value that is carried from turn to turn, and two that change places.
+      "surface d() { float p = u, q = v, i; for (i = 0; i < 5; i += 1) { float r = p; p = q; q = r + .1 * i; "
+      "}"
+      " Ci = color (p, q, pow(p, q)); Oi = 1; }",
+      "surface e() { vector V = vector (1e30 * u, 1e-30, 1e25); Ci = color (length(V), sin(1e6 * u), "
+      "exp(88.3 * v)) +"
+      " color normalize(V); Oi = 1; }",
+  };
+  for (const char* s : sources)
+    for (const auto& [nu, nv] :
+         {std::pair(0u, 0u), std::pair(2u, 0u), std::pair(6u, 4u), std::pair(15u, 16u)}) {
+      SCOPED_TRACE(s);
+      expectSameColors(s, nu, nv);
+    }
+}
+
+TEST_F(NativeRuns, MadeAfterSomeBatches) {
+  MachineFixture f(7, 7);
+  f.native = false;
+  const auto s = f.shader("surface a() { Ci = u * v + noise(P); Oi = 1; }");
+  ASSERT_TRUE(s);
+  std::vector<float> first;
+  for (int k = 0; k < 10; ++k) {
+    f.run(*s);
+    for (uint32_t i = 0; i < f.count; ++i) {
+      if (k == 0) first.push_back(f.Ci(i));
+      EXPECT_EQ(f.Ci(i), first[i]);
+    }
+  }
+  EXPECT_NE(s->exe->native(), nullptr);
+}
+
+}  // namespace
+}  // namespace fr

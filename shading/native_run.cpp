@@ -1,0 +1,761 @@
+// One pass over the nodes in the order in which they were recorded. Registers are given out as needed; when
+// there is none, the value that is needed last makes room (L. Belady, "A study of replacement algorithms",
+// IBM Systems Journal 5(2), 1966), which is the best that can be done within a run. Uniform values are
+// computed once, before the loop over the points, and are memory operands in it.
+#include "shading/native_run.h"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <cstring>
+#include <string_view>
+
+#include "base/isa.h"
+#include "shading/kernels.h"
+#include "shading/native_assembler.h"
+
+namespace fr {
+
+bool nativeCodeAvailable() {
+#if defined(__x86_64__)
+  static const bool available = [] {
+    const char* const wish = std::getenv("FRANKENRENDER_NATIVE");
+    return int(currentIsa()) >= int(Isa::kAvx2) && !(wish && std::string_view(wish) == "0");
+  }();
+  return available;
+#else
+  return false;
+#endif
+}
+
+namespace {
+
+constexpr int kRegisters = 16;
+constexpr uint32_t kNever = ~0u;
+constexpr int kBytes = 32;  // of a vector
+
+// What stays in general registers through the loop.
+constexpr Gpr kColumns = kRbx, kOffset = kR12, kEnd = kR13, kMask = kR14, kScratch = kRax;
+constexpr Gpr kPointers[] = {kRcx, kRdx, kRsi, kRdi, kR8, kR9, kR10, kR11, kRbp, kR15};
+constexpr Gpr kCallerSaved[] = {kRcx, kRdx, kRsi, kRdi, kR8, kR9, kR10, kR11};
+constexpr Gpr kCalleeSaved[] = {kRbx, kRbp, kR12, kR13, kR14, kR15};
+
+// The stack frame: arguments of rare cases, registers during one, then values.
+constexpr int kArguments = 0, kResults = kMostRareValues * kBytes, kWhere = 2 * kMostRareValues * kBytes;
+constexpr int kSavedVectors = kWhere + kBytes, kSavedPointers = kSavedVectors + kRegisters * kBytes;
+constexpr int kOldStack = kSavedPointers + 64, kValues = kOldStack + 32;
+
+VectorCode codeOf(VectorOp op) {
+  switch (op) {
+    case VectorOp::kAdd:
+      return {0, 1, 0x58};
+    case VectorOp::kSub:
+      return {0, 1, 0x5c};
+    case VectorOp::kMul:
+      return {0, 1, 0x59};
+    case VectorOp::kDiv:
+      return {0, 1, 0x5e};
+    case VectorOp::kMin:
+      return {0, 1, 0x5d};
+    case VectorOp::kMax:
+      return {0, 1, 0x5f};
+    case VectorOp::kSqrt:
+      return {0, 1, 0x51};
+    case VectorOp::kFloor:
+      return {1, 3, 0x08};
+    case VectorOp::kCompare:
+      return {0, 1, 0xc2};
+    case VectorOp::kAnd:
+      return {0, 1, 0x54};
+    case VectorOp::kAndNot:
+      return {0, 1, 0x55};
+    case VectorOp::kOr:
+      return {0, 1, 0x56};
+    case VectorOp::kXor:
+      return {0, 1, 0x57};
+    case VectorOp::kSelect:
+      return {1, 3, 0x4a};
+    case VectorOp::kAddInt:
+      return {1, 1, 0xfe};
+    case VectorOp::kSubInt:
+      return {1, 1, 0xfa};
+    case VectorOp::kMulInt:
+      return {1, 2, 0x40};
+    case VectorOp::kEqualInt:
+      return {1, 1, 0x76};
+    case VectorOp::kGreaterInt:
+      return {1, 1, 0x66};
+    case VectorOp::kToInt:
+      return {2, 1, 0x5b};
+    default:
+      return {0, 1, 0x5b};  // kToFloat
+  }
+}
+bool commutes(const Node& n) {
+  switch (n.op) {
+    case VectorOp::kAdd:
+    case VectorOp::kMul:
+    case VectorOp::kAnd:
+    case VectorOp::kOr:
+    case VectorOp::kXor:
+    case VectorOp::kAddInt:
+    case VectorOp::kMulInt:
+    case VectorOp::kEqualInt:
+    case VectorOp::kCompare:  // with the comparison turned round
+      return true;
+    default:
+      return false;
+  }
+}
+/// Predicates without exceptions for quiet NaN; `turned`: of the operands in the other order.
+uint8_t predicateOf(Compare c, bool turned) {
+  switch (c) {
+    case Compare::kEqual:
+      return 0x00;
+    case Compare::kNotEqual:
+      return 0x04;
+    case Compare::kLess:
+      return turned ? 0x1e : 0x11;
+    case Compare::kLessEqual:
+      return turned ? 0x1d : 0x12;
+  }
+  return 0;
+}
+
+class RunCompiler {
+ public:
+  RunCompiler(const ValueGraph& graph, const std::vector<RunOutput>& outputs, bool skipInactive)
+      : graph_(graph), nodes_(graph.nodes()), outputs_(outputs), skipInactive_(skipInactive) {}
+
+  std::vector<uint8_t> compile();
+
+ private:
+  /// One thing to do, in order: skip vectors without active points, read a column that will be overwritten,
+  /// compute a node, look at a rare case, keep a uniform value for the loop, store a result.
+  struct Item {
+    enum class Kind : uint8_t { kSkip, kTouch, kNode, kRare, kKeep, kStore } kind;
+    uint32_t index;  // node; of kRare a rare case, of kStore an output
+  };
+  struct Place {
+    int reg = -1;      // vector register
+    int spilled = -1;  // offset in the frame
+    int kept = -1;     // the same, of uniform values in the loop
+    uint32_t use = 0;  // index of the next use in uses_
+  };
+  /// Where an input of a rare case is when the case is met.
+  struct Location {
+    int reg = -1;
+    NodeIndex node = 0;
+    MemoryOperand memory;
+  };
+  struct RareStub {
+    uint32_t rare = 0;
+    Assembler::Label entry = 0, back = 0;
+    std::vector<Location> in;
+    int where = 0;
+    std::vector<int> usual, results;
+    bool uniform = false;
+  };
+
+  void need(NodeIndex i);
+  void findKept();
+  bool isLeaf(NodeIndex i) const {
+    return operandCount(nodes_[i].op) == 0 && nodes_[i].op != VectorOp::kRare;
+  }
+  void emitPhase();
+  void listItems();
+  void listStores();
+  void choosePointers();
+  void countUses();
+  template <class F>
+  void forOperands(const Item& item, const F& f) const;
+
+  uint32_t nextUse(NodeIndex i) const {
+    const Place& p = places_[i];
+    const auto& list = uses_[i];
+    return p.use < list.size() ? list[p.use] : kNever;
+  }
+  bool inMemory(NodeIndex i) const {
+    return (isLeaf(i) && !touched_[i]) || places_[i].spilled >= 0 || (!uniformPhase_ && places_[i].kept >= 0);
+  }
+  MemoryOperand memoryOf(NodeIndex i);
+  MemoryOperand columnAt(uint32_t column, bool uniform);
+  int allocate();
+  int ensure(NodeIndex i);
+  void used(NodeIndex i);
+  void define(NodeIndex i, int reg);
+  int stackSlot();
+  void emit(const Item& item);
+  void emitNode(NodeIndex i);
+  void emitRare(uint32_t index);
+  void emitStore(const RunOutput& o);
+  void emitStub(const RareStub& s);
+  /// Calls f with a register or a memory operand that holds node i.
+  template <class F>
+  void withOperand(NodeIndex i, const F& f);
+
+  const ValueGraph& graph_;
+  const std::vector<Node>& nodes_;
+  const std::vector<RunOutput>& outputs_;
+  const bool skipInactive_;
+
+  Assembler a_;
+  bool uniformPhase_ = true;
+  NodeIndex maskNode_ = kNever;
+  std::vector<bool> needed_, kept_, touched_;
+  std::vector<std::vector<NodeIndex>> rareResults_;
+  std::vector<Item> items_;
+  std::vector<std::vector<uint32_t>> uses_;
+  std::vector<Place> places_;
+  std::array<NodeIndex, kRegisters> holds_{};
+  std::vector<int> freeSlots_, slotsLater_;  // of the frame; free once the item is done
+  Assembler::Label skip_ = 0;
+  uint32_t pinned_ = 0;  // registers that must not make room
+  int frame_ = kValues;
+  uint32_t now_ = 0;  // index of the item that is being emitted
+  std::vector<std::pair<uint32_t, Gpr>> pointers_;
+  std::vector<RareStub> stubs_;
+};
+
+void RunCompiler::need(NodeIndex i) {
+  // Iteratively: graphs can be deep.
+  std::vector<NodeIndex> todo{i};
+  while (!todo.empty()) {
+    const NodeIndex k = todo.back();
+    todo.pop_back();
+    if (needed_[k]) continue;
+    needed_[k] = true;
+    const Node& n = nodes_[k];
+    if (n.op == VectorOp::kRare) {
+      const RareNode& r = graph_.rareCases()[n.a];
+      todo.push_back(r.where);
+      todo.insert(todo.end(), r.in.begin(), r.in.end());
+      todo.insert(todo.end(), r.usual.begin(), r.usual.end());
+      continue;
+    }
+    const NodeIndex operands[] = {n.a, n.b, n.c};
+    for (uint32_t o = 0; o < operandCount(n.op); ++o) todo.push_back(operands[o]);
+  }
+}
+
+template <class F>
+void RunCompiler::forOperands(const Item& item, const F& f) const {
+  switch (item.kind) {
+    case Item::Kind::kNode: {
+      const Node& n = nodes_[item.index];
+      const NodeIndex operands[] = {n.a, n.b, n.c};
+      for (uint32_t o = 0; o < operandCount(n.op); ++o) f(operands[o]);
+      break;
+    }
+    case Item::Kind::kRare: {
+      const RareNode& r = graph_.rareCases()[item.index];
+      f(r.where);
+      for (const NodeIndex i : r.in) f(i);
+      for (const NodeIndex i : r.usual) f(i);
+      break;
+    }
+    case Item::Kind::kTouch:
+    case Item::Kind::kKeep:
+      f(item.index);
+      break;
+    case Item::Kind::kStore:
+      f(outputs_[item.index].value);
+      if (outputs_[item.index].masked) f(maskNode_);
+      break;
+    case Item::Kind::kSkip:
+      f(maskNode_);
+      break;
+  }
+}
+
+void RunCompiler::listItems() {
+  items_.clear();
+  if (!uniformPhase_ && skipInactive_) items_.push_back({Item::Kind::kSkip, 0});
+  // Columns that are copied to others and overwritten themselves are read before anything is stored.
+  std::fill(touched_.begin(), touched_.end(), false);
+  for (const RunOutput& o : outputs_) {
+    const Node& n = nodes_[o.value];
+    if (o.uniform != uniformPhase_ || (n.op != VectorOp::kLoad && n.op != VectorOp::kLoadUniform)) continue;
+    const bool overwritten = std::any_of(outputs_.begin(), outputs_.end(),
+                                         [&](const RunOutput& other) { return other.column == n.imm; });
+    if (!overwritten || n.uniform != uniformPhase_ || touched_[o.value]) continue;
+    touched_[o.value] = true;
+    items_.push_back({Item::Kind::kTouch, o.value});
+  }
+  std::vector<bool> rareListed(graph_.rareCases().size(), false);
+  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
+    if (!needed_[i] || nodes_[i].uniform != uniformPhase_) continue;
+    if (nodes_[i].op == VectorOp::kRare) {
+      if (!rareListed[nodes_[i].a]) items_.push_back({Item::Kind::kRare, nodes_[i].a});
+      rareListed[nodes_[i].a] = true;
+    } else if (!isLeaf(i)) {
+      items_.push_back({Item::Kind::kNode, i});
+    }
+  }
+  if (!uniformPhase_) return listStores();
+  for (NodeIndex i = 0; i < nodes_.size(); ++i)
+    if (kept_[i]) items_.push_back({Item::Kind::kKeep, i});
+  for (uint32_t k = 0; k < outputs_.size(); ++k)
+    if (outputs_[k].uniform) items_.push_back({Item::Kind::kStore, k});
+}
+
+/// A result is stored as soon as it is known and the column's old values are not needed any more.
+void RunCompiler::listStores() {
+  std::vector<uint32_t> defined(nodes_.size(), 0), lastUse(nodes_.size(), 0);
+  for (uint32_t at = 0; at < items_.size(); ++at) {
+    forOperands(items_[at], [&](NodeIndex i) { lastUse[i] = at; });
+    if (items_[at].kind == Item::Kind::kNode) defined[items_[at].index] = at;
+    if (items_[at].kind == Item::Kind::kRare)
+      for (const NodeIndex i : rareResults_[items_[at].index])
+        if (i != kNever) defined[i] = at;
+  }
+  std::vector<uint32_t> columnRead;
+  for (NodeIndex i = 0; i < nodes_.size(); ++i)
+    if (nodes_[i].op == VectorOp::kLoad && needed_[i]) {
+      if (columnRead.size() <= nodes_[i].imm) columnRead.resize(nodes_[i].imm + 1, 0);
+      columnRead[nodes_[i].imm] = lastUse[i];
+    }
+  std::vector<std::pair<uint32_t, uint32_t>> stores;  // item behind which, output
+  for (uint32_t k = 0; k < outputs_.size(); ++k) {
+    const RunOutput& o = outputs_[k];
+    if (o.uniform) continue;
+    uint32_t at = defined[o.value];
+    if (o.column < columnRead.size()) at = std::max(at, columnRead[o.column]);
+    stores.push_back({at, k});
+  }
+  std::stable_sort(stores.begin(), stores.end(),
+                   [](const auto& x, const auto& y) { return x.first < y.first; });
+  std::vector<Item> merged;
+  size_t next = 0;
+  for (uint32_t at = 0; at < items_.size(); ++at) {
+    merged.push_back(items_[at]);
+    // Nothing is stored before the last column has been touched.
+    if (at + 1 < items_.size() && items_[at + 1].kind == Item::Kind::kTouch) continue;
+    for (; next < stores.size() && stores[next].first <= at; ++next)
+      merged.push_back({Item::Kind::kStore, stores[next].second});
+  }
+  for (; next < stores.size(); ++next) merged.push_back({Item::Kind::kStore, stores[next].second});
+  items_ = std::move(merged);
+}
+
+/// Uniform values that the loop reads.
+void RunCompiler::findKept() {
+  const auto keep = [&](NodeIndex i) {
+    if (nodes_[i].uniform && nodes_[i].op != VectorOp::kConstant) kept_[i] = true;
+  };
+  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
+    if (!needed_[i] || nodes_[i].uniform) continue;
+    const Node& n = nodes_[i];
+    if (n.op == VectorOp::kRare)
+      forOperands({Item::Kind::kRare, n.a}, keep);
+    else
+      forOperands({Item::Kind::kNode, i}, keep);
+  }
+  for (const RunOutput& o : outputs_)
+    if (!o.uniform) keep(o.value);
+}
+
+void RunCompiler::countUses() {
+  for (auto& u : uses_) u.clear();
+  for (uint32_t at = 0; at < items_.size(); ++at)
+    forOperands(items_[at], [&](NodeIndex i) { uses_[i].push_back(at); });
+  for (Place& p : places_) p.reg = p.spilled = -1, p.use = 0;
+  holds_.fill(kNever);
+}
+
+MemoryOperand RunCompiler::columnAt(uint32_t column, bool uniform) {
+  Gpr base = kScratch;
+  for (const auto& [c, r] : pointers_)
+    if (c == column && !uniformPhase_) base = r;
+  if (base == kScratch) a_.load(kScratch, MemoryOperand{kColumns, -1, int32_t(column * 8), -1});
+  return {base, uniform ? -1 : int(kOffset), 0, -1};
+}
+
+MemoryOperand RunCompiler::memoryOf(NodeIndex i) {
+  const Node& n = nodes_[i];
+  if (n.op == VectorOp::kConstant) return a_.constant(n.imm);
+  if (places_[i].spilled >= 0) return {kRsp, -1, places_[i].spilled, -1};
+  if (!uniformPhase_ && places_[i].kept >= 0) return {kRsp, -1, places_[i].kept, -1};
+  if (n.op == VectorOp::kMask) return {kMask, kOffset, 0, -1};
+  return columnAt(n.imm, n.op == VectorOp::kLoadUniform);
+}
+
+int RunCompiler::stackSlot() {
+  if (!freeSlots_.empty()) {
+    const int slot = freeSlots_.back();
+    freeSlots_.pop_back();
+    return slot;
+  }
+  const int slot = frame_;
+  frame_ += kBytes;
+  return slot;
+}
+
+/// A register, whatever it holds moved to memory if that is still needed.
+int RunCompiler::allocate() {
+  int victim = 0;
+  uint32_t latest = 0;
+  for (int r = 0; r < kRegisters; ++r) {
+    if (holds_[size_t(r)] == kNever && !(pinned_ >> r & 1)) return r;
+    if (pinned_ >> r & 1) continue;
+    const uint32_t use = nextUse(holds_[size_t(r)]);
+    // Of equals the one that is in memory anyway.
+    const bool better = use > latest || (use == latest && inMemory(holds_[size_t(r)]));
+    if (better) victim = r, latest = use;
+  }
+  const NodeIndex i = holds_[size_t(victim)];
+  if (!inMemory(i)) {
+    places_[i].spilled = stackSlot();
+    a_.storeVector({kRsp, -1, places_[i].spilled, -1}, victim);
+  }
+  places_[i].reg = -1;
+  holds_[size_t(victim)] = kNever;
+  return victim;
+}
+
+int RunCompiler::ensure(NodeIndex i) {
+  if (places_[i].reg >= 0) return places_[i].reg;
+  const int r = allocate();
+  a_.loadVector(r, memoryOf(i));
+  places_[i].reg = r;
+  holds_[size_t(r)] = i;
+  return r;
+}
+
+/// The item that is being emitted is done with this operand.
+void RunCompiler::used(NodeIndex i) {
+  Place& p = places_[i];
+  while (p.use < uses_[i].size() && uses_[i][p.use] <= now_) ++p.use;
+  if (p.use < uses_[i].size()) return;
+  if (p.reg >= 0) holds_[size_t(p.reg)] = kNever;
+  p.reg = -1;
+  if (p.spilled >= 0) slotsLater_.push_back(p.spilled);
+  p.spilled = -1;
+}
+
+void RunCompiler::define(NodeIndex i, int reg) {
+  if (nextUse(i) == kNever) return;  // its last user folded it away
+  places_[i].reg = reg;
+  holds_[size_t(reg)] = i;
+}
+
+template <class F>
+void RunCompiler::withOperand(NodeIndex i, const F& f) {
+  Place& p = places_[i];
+  if (p.reg < 0 && nodes_[i].op != VectorOp::kConstant) {
+    // Worth a register when one is free and the value is needed again soon.
+    const auto& list = uses_[i];
+    const uint32_t again = p.use + 1 < list.size() ? list[p.use + 1] : kNever;
+    const bool room = std::find(holds_.begin(), holds_.end(), kNever) != holds_.end();
+    if (room && again != kNever && again - now_ < 40) ensure(i);
+  }
+  // A copy: f may free the register.
+  if (const int reg = p.reg; reg >= 0)
+    f(reg);
+  else
+    f(memoryOf(i));
+}
+
+void RunCompiler::emitNode(NodeIndex i) {
+  const Node& n = nodes_[i];
+  const VectorCode code = codeOf(n.op);
+  // An operand's register may become the result's: an instruction reads before it writes.
+  const auto result = [&](std::initializer_list<NodeIndex> operands) {
+    for (const NodeIndex o : operands) used(o);
+    return allocate();
+  };
+  switch (n.op) {
+    case VectorOp::kShiftLeft:
+    case VectorOp::kShiftRight:
+    case VectorOp::kShiftRightSigned: {
+      const int from = ensure(n.a);
+      const int dst = result({n.a});
+      a_.shift(n.op == VectorOp::kShiftLeft    ? 6
+               : n.op == VectorOp::kShiftRight ? 2
+                                               : 4,
+               dst, from, uint8_t(n.imm));
+      return define(i, dst);
+    }
+    case VectorOp::kSqrt:
+    case VectorOp::kToInt:
+    case VectorOp::kToFloat:
+    case VectorOp::kFloor:
+      return withOperand(n.a, [&](const auto& from) {
+        const int dst = result({n.a});
+        if (n.op == VectorOp::kFloor)
+          a_.vectorImmediate(code, dst, 0, from, 0x09);
+        else
+          a_.vector(code, dst, 0, from);
+        define(i, dst);
+      });
+    case VectorOp::kSelect: {
+      const int no = ensure(n.c), mask = ensure(n.a);
+      return withOperand(n.b, [&](const auto& yes) {
+        const int dst = result({n.a, n.b, n.c});
+        a_.vectorImmediate(code, dst, no, yes, uint8_t(mask << 4));
+        define(i, dst);
+      });
+    }
+    default: {
+      NodeIndex first = n.a, second = n.b;
+      const bool turn = commutes(n) && places_[first].reg < 0 &&
+                        (places_[second].reg >= 0 || nodes_[first].op == VectorOp::kConstant);
+      if (turn) std::swap(first, second);
+      const int x = ensure(first);
+      return withOperand(second, [&](const auto& y) {
+        const int dst = result({n.a, n.b});
+        if (n.op == VectorOp::kCompare)
+          a_.vectorImmediate(code, dst, x, y, predicateOf(Compare(n.imm), turn));
+        else
+          a_.vector(code, dst, x, y);
+        define(i, dst);
+      });
+    }
+  }
+}
+
+void RunCompiler::emitRare(uint32_t index) {
+  const RareNode& rare = graph_.rareCases()[index];
+  RareStub stub;
+  stub.rare = index, stub.uniform = uniformPhase_;
+  stub.where = ensure(rare.where);
+  for (const NodeIndex i : rare.usual) stub.usual.push_back(ensure(i));
+  const std::vector<NodeIndex>& nodes = rareResults_[index];
+  // A result takes over its usual value's register, unless that is needed further.
+  for (size_t k = 0; k < rare.usual.size(); ++k) {
+    const NodeIndex usual = rare.usual[k];
+    const auto& list = uses_[usual];
+    const bool later = !list.empty() && list.back() > now_;
+    const bool shared = std::count(rare.usual.begin(), rare.usual.end(), usual) > 1 || usual == rare.where;
+    int r = stub.usual[k];
+    if (nodes[k] == kNever) {
+      r = -1;
+    } else if (later || shared) {
+      r = allocate();
+      pinned_ |= 1u << r;
+      a_.moveVector(r, places_[usual].reg);
+    }
+    stub.results.push_back(r);
+  }
+  for (const NodeIndex i : rare.in) {
+    Location l;
+    l.reg = places_[i].reg, l.node = i;
+    if (l.reg < 0 && places_[i].spilled >= 0) l.memory = {kRsp, -1, places_[i].spilled, -1};
+    stub.in.push_back(l);
+  }
+  stub.entry = a_.newLabel(), stub.back = a_.newLabel();
+  a_.vector({1, 2, 0x0e}, stub.where, 0, stub.where);  // vtestps
+  a_.jumpIf(Assembler::kNotZero, stub.entry);
+  a_.place(stub.back);
+  used(rare.where);
+  for (const NodeIndex i : rare.in) used(i);
+  for (const NodeIndex i : rare.usual) used(i);
+  for (size_t k = 0; k < nodes.size(); ++k)
+    if (nodes[k] != kNever) define(nodes[k], stub.results[k]);
+  pinned_ = 0;
+  stubs_.push_back(std::move(stub));
+}
+
+/// Out of line: everything is saved, so that the code beside knows nothing of the call.
+void RunCompiler::emitStub(const RareStub& s) {
+  const RareNode& rare = graph_.rareCases()[s.rare];
+  uniformPhase_ = s.uniform;
+  a_.place(s.entry);
+  const auto saved = [](int reg) { return MemoryOperand{kRsp, -1, kSavedVectors + reg * kBytes, -1}; };
+  for (int r = 0; r < kRegisters; ++r) a_.storeVector(saved(r), r);
+  for (size_t k = 0; k < std::size(kCallerSaved); ++k)
+    a_.store({kRsp, -1, kSavedPointers + int(k) * 8, -1}, kCallerSaved[k]);
+  const auto pass = [&](int to, const MemoryOperand& from) {
+    a_.loadVector(0, from);
+    a_.storeVector({kRsp, -1, to, -1}, 0);
+  };
+  for (size_t k = 0; k < s.in.size(); ++k) {
+    const Location& l = s.in[k];
+    const int to = kArguments + int(k) * kBytes;
+    if (l.reg >= 0)
+      pass(to, saved(l.reg));
+    else if (l.memory.base >= 0)
+      pass(to, l.memory);
+    else
+      pass(to, memoryOf(l.node));
+  }
+  for (size_t k = 0; k < s.usual.size(); ++k) pass(kResults + int(k) * kBytes, saved(s.usual[k]));
+  pass(kWhere, saved(s.where));
+  a_.zeroUpper();
+  a_.address(kRdi, {kRsp, -1, kArguments, -1});
+  a_.address(kRsi, {kRsp, -1, kResults, -1});
+  a_.address(kRdx, {kRsp, -1, kWhere, -1});
+  a_.moveImmediate(kRax, reinterpret_cast<uint64_t>(kernelsOf(int(Isa::kAvx2)).rare[size_t(rare.kind)]));
+  a_.call(kRax);
+  for (int r = 0; r < kRegisters; ++r) {
+    const auto k = std::find(s.results.begin(), s.results.end(), r) - s.results.begin();
+    if (size_t(k) < s.results.size())
+      a_.loadVector(r, {kRsp, -1, kResults + int(k) * kBytes, -1});
+    else
+      a_.loadVector(r, saved(r));
+  }
+  for (size_t k = 0; k < std::size(kCallerSaved); ++k)
+    a_.load(kCallerSaved[k], {kRsp, -1, kSavedPointers + int(k) * 8, -1});
+  a_.jump(s.back);
+}
+
+void RunCompiler::emitStore(const RunOutput& o) {
+  const int value = ensure(o.value);
+  if (o.uniform) {
+    MemoryOperand to = columnAt(o.column, true);
+    a_.storeVector(to, value);
+    to.disp = kBytes;
+    a_.storeVector(to, value);
+  } else if (o.masked) {
+    const int mask = ensure(maskNode_), old = allocate();
+    const MemoryOperand to = columnAt(o.column, false);
+    a_.loadVector(old, to);
+    a_.vectorImmediate(codeOf(VectorOp::kSelect), old, old, value, uint8_t(mask << 4));
+    a_.storeVector(to, old);
+    used(maskNode_);
+  } else {
+    a_.storeVector(columnAt(o.column, false), value);
+  }
+  used(o.value);
+}
+
+void RunCompiler::emit(const Item& item) {
+  switch (item.kind) {
+    case Item::Kind::kSkip: {
+      const int mask = ensure(maskNode_);
+      a_.vector({1, 2, 0x0e}, mask, 0, mask);  // vtestps
+      a_.jumpIf(Assembler::kZero, skip_);
+      return used(maskNode_);
+    }
+    case Item::Kind::kTouch:
+      ensure(item.index);
+      return used(item.index);
+    case Item::Kind::kNode:
+      return emitNode(item.index);
+    case Item::Kind::kRare:
+      return emitRare(item.index);
+    case Item::Kind::kKeep: {
+      const int value = ensure(item.index);
+      places_[item.index].kept = frame_;
+      frame_ += kBytes;
+      a_.storeVector({kRsp, -1, places_[item.index].kept, -1}, value);
+      return used(item.index);
+    }
+    case Item::Kind::kStore:
+      return emitStore(outputs_[item.index]);
+  }
+}
+
+void RunCompiler::emitPhase() {
+  listItems();
+  countUses();
+  for (now_ = 0; now_ < items_.size(); ++now_) {
+    emit(items_[now_]);
+    freeSlots_.insert(freeSlots_.end(), slotsLater_.begin(), slotsLater_.end());
+    slotsLater_.clear();
+  }
+}
+
+/// The columns that the loop names most often stay in general registers.
+void RunCompiler::choosePointers() {
+  std::vector<std::pair<uint32_t, uint32_t>> named;  // column, times
+  const auto name = [&](uint32_t column, uint32_t times) {
+    const auto it =
+        std::find_if(named.begin(), named.end(), [&](const auto& x) { return x.first == column; });
+    if (it == named.end())
+      named.push_back({column, times});
+    else
+      it->second += times;
+  };
+  for (NodeIndex i = 0; i < nodes_.size(); ++i)
+    if (needed_[i] && nodes_[i].op == VectorOp::kLoad) name(nodes_[i].imm, 1);
+  for (const RunOutput& o : outputs_)
+    if (!o.uniform) name(o.column, o.masked ? 2 : 1);
+  std::stable_sort(named.begin(), named.end(),
+                   [](const auto& x, const auto& y) { return x.second > y.second; });
+  for (size_t k = 0; k < std::min(named.size(), std::size(kPointers)); ++k)
+    pointers_.push_back({named[k].first, kPointers[k]});
+  for (const auto& [column, r] : pointers_) a_.load(r, {kColumns, -1, int32_t(column * 8), -1});
+}
+
+std::vector<uint8_t> RunCompiler::compile() {
+  needed_.assign(nodes_.size(), false);
+  kept_.assign(nodes_.size(), false);
+  touched_.assign(nodes_.size(), false);
+  uses_.resize(nodes_.size());
+  places_.resize(nodes_.size());
+  bool loop = false, masked = skipInactive_;
+  for (const RunOutput& o : outputs_) {
+    need(o.value);
+    loop = loop || !o.uniform;
+    masked = masked || o.masked;
+  }
+  for (NodeIndex i = 0; i < nodes_.size() && masked; ++i)
+    if (nodes_[i].op == VectorOp::kMask) maskNode_ = i, needed_[i] = true;
+  rareResults_.resize(graph_.rareCases().size());
+  for (size_t k = 0; k < rareResults_.size(); ++k)
+    rareResults_[k].assign(graph_.rareCases()[k].usual.size(), kNever);
+  for (NodeIndex i = 0; i < nodes_.size(); ++i)
+    if (needed_[i] && nodes_[i].op == VectorOp::kRare) rareResults_[nodes_[i].a][nodes_[i].imm] = i;
+  findKept();
+
+  for (const Gpr r : kCalleeSaved) a_.push(r);
+  a_.move(kRax, kRsp);
+  const size_t frameSize = a_.subtractImmediate(kRsp, 0);
+  a_.andImmediate(kRsp, -kBytes);
+  a_.store({kRsp, -1, kOldStack, -1}, kRax);
+  a_.move(kColumns, kRdi);
+  a_.move(kEnd, kRsi);
+  a_.move(kMask, kRdx);
+  uniformPhase_ = true;
+  emitPhase();
+  if (loop) {
+    uniformPhase_ = false;
+    choosePointers();
+    a_.clear(kOffset);
+    a_.align(32);
+    const Assembler::Label begin = a_.newLabel();
+    skip_ = a_.newLabel();
+    a_.place(begin);
+    emitPhase();
+    a_.place(skip_);
+    a_.addImmediate(kOffset, kBytes);
+    a_.compare(kOffset, kEnd);
+    a_.jumpIf(Assembler::kBelow, begin);
+  }
+  a_.zeroUpper();
+  a_.load(kRsp, {kRsp, -1, kOldStack, -1});
+  for (size_t k = std::size(kCalleeSaved); k-- > 0;) a_.pop(kCalleeSaved[k]);
+  a_.ret();
+  for (const RareStub& s : stubs_) emitStub(s);
+  a_.patch(frameSize, frame_ + kBytes);
+  return a_.finish();
+}
+
+}  // namespace
+
+std::vector<uint8_t> compileRun(const ValueGraph& graph, const std::vector<RunOutput>& outputs,
+                                bool skipInactive) {
+  return RunCompiler(graph, outputs, skipInactive).compile();
+}
+
+std::unique_ptr<NativeMemory> NativeMemory::of(const std::vector<uint8_t>& code) {
+  const auto page = size_t(::sysconf(_SC_PAGESIZE));
+  const size_t size = (code.size() + page - 1) / page * page;
+  if (size == 0) return nullptr;
+  void* const memory = ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) return nullptr;
+  std::memcpy(memory, code.data(), code.size());
+  if (::mprotect(memory, size, PROT_READ | PROT_EXEC) != 0) {
+    ::munmap(memory, size);
+    return nullptr;
+  }
+  return std::unique_ptr<NativeMemory>(new NativeMemory(memory, size));
+}
+
+NativeMemory::~NativeMemory() { ::munmap(memory_, size_); }
+
+}  // namespace fr

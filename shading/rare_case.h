@@ -1,0 +1,18 @@
+// Cases that kernels compute out of line: lanes that are next to never there.
+#pragma once
+
+#include <cstdint>
+
+namespace fr {
+
+enum class RareCase : uint8_t {
+  kExpTop,       // e^x just below overflow
+  kLargeAngle,   // an angle of thousands of turns, brought into range
+  kLength,       // of a vector whose squares over- or underflow
+  kNormalize,    // the same
+  kHomogeneous,  // x, y, z, w: divided by w
+  kCount
+};
+inline constexpr int kMostRareValues = 4;
+
+}  // namespace fr
