@@ -92,24 +92,27 @@ void AnswerThread::answer(RayQuery& query) {
   answerAt(query, 0);
   counts_.answerSeconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   counts_.batches += 1;
+  countInRow();
   publishCounts();
 }
 
-void AnswerThread::publishCounts() {
-  if (row_) {
-    const auto add = [this](Counter c, uint64_t n) {
-      if (n > 0) row_->add(c, n);
-    };
-    for (uint32_t k = 0; k < 4; ++k) {
-      add(Counter(uint32_t(Counter::kTrace) + k), counts_.rays[k]);
-      add(Counter(uint32_t(Counter::kNestedTrace) + k), counts_.nestedRays[k]);
-    }
-    add(Counter::kIntersections, counts_.intersections);
-    add(Counter::kRejected, counts_.rejected);
-    add(Counter::kHitsShaded, counts_.hitsShaded);
-    add(Counter::kPointsShaded, counts_.pointsShaded);
-    add(Counter::kBusyNanoseconds, uint64_t(counts_.answerSeconds * 1e9));
+void AnswerThread::countInRow() {
+  if (!row_) return;
+  const auto add = [this](Counter c, uint64_t n) {
+    if (n > 0) row_->add(c, n);
+  };
+  for (uint32_t k = 0; k < 4; ++k) {
+    add(Counter(uint32_t(Counter::kTrace) + k), counts_.rays[k]);
+    add(Counter(uint32_t(Counter::kNestedTrace) + k), counts_.nestedRays[k]);
   }
+  add(Counter::kIntersections, counts_.intersections);
+  add(Counter::kRejected, counts_.rejected);
+  add(Counter::kHitsShaded, counts_.hitsShaded);
+  add(Counter::kPointsShaded, counts_.pointsShaded);
+  add(Counter::kBusyNanoseconds, uint64_t(counts_.answerSeconds * 1e9));
+}
+
+void AnswerThread::publishCounts() {
   std::lock_guard lock(tracer_.mutex_);
   tracer_.counted_ += counts_;
   counts_ = {};
@@ -181,6 +184,7 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   answer = {};
   if (mail.ray.kind > uint32_t(RayKind::kFullTrace)) return false;
   const RayKind kind = RayKind(mail.ray.kind);
+  if (counts_.batches > 0) publishCounts();  // the caller has not
   (void)tracer_.prepare();
   Level& at = level(0);
   at.count = 1;
@@ -212,6 +216,7 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   }
   counts_.rays[uint32_t(kind)] += 1;
   counts_.batches += 1;
+  countInRow();
   return true;
 }
 

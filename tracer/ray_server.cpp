@@ -10,7 +10,6 @@
 #include <list>
 #include <mutex>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "oracle/control_message.h"
@@ -52,16 +51,12 @@ class Handler : public shm::ChannelHandler {
     if (!readSingleRay(request, mail)) return -1;
     Workplace& w = workplace();
     if (!w.thread.answerOne(mail, answer)) return -1;
-    ++w.singles;
+    w.row.add(Counter::kSingles, 1);
     const size_t size = singleAnswerBytes(RayKind(mail.ray.kind));
     std::memcpy(bytes.data(), &answer, size);
     return int(size);
   }
-  void mailAnswered() override {
-    Workplace& w = workplace();
-    w.row.add(Counter::kSingles, std::exchange(w.singles, 0));
-    w.thread.publishCounts();
-  }
+  void mailAnswered() override { workplace().thread.publishCounts(); }
   void channelEnded(uint64_t, void*, const Error* error) override {
     if (error) report(*error);
   }
@@ -71,7 +66,6 @@ class Handler : public shm::ChannelHandler {
     Workplace(RayTracer& tracer, CounterRow& r) : row(r), thread(tracer, &r) {}
     CounterRow& row;
     AnswerThread thread;
-    uint64_t singles = 0;  // not counted in `row` yet
   };
   /// One per thread; the threads end before the tracer does.
   Workplace& workplace() {

@@ -94,7 +94,7 @@ class AnswerThread {
   /// anything. Its time is not counted in TracerStatistics::answerSeconds: clocks cost as much as rays.
   /// Call publishCounts() when nobody waits any more.
   bool answerOne(const SingleRayMail& mail, SingleAnswer& answer);
-  /// Makes what answerOne() has counted visible to others.
+  /// Adds what answerOne() has counted to RayTracer::statistics(). (The row has it already.)
   void publishCounts();
 
  private:
@@ -111,6 +111,7 @@ class AnswerThread {
   void runTrace(Level& at, size_t depth);
   void writeExtras(const Level& at, RayQuery& query, uint32_t first);
   void writeAnswers(RayKind kind, const Level& at, bool full, RayQuery& query, uint32_t first);
+  void countInRow();
   /// What shading a hit is for.
   enum class Purpose { kRadiance, kOpacity, kValues };
   uint32_t volumeKey(const PathRay& path) const;
