@@ -462,11 +462,13 @@ TEST(SceneBuilder, InstancesAreReplayed) {
                           "ObjectEnd\n"
                           "Translate 1 0 0 ObjectInstance 1 Translate 1 0 0 Color 1 0 0 ObjectInstance 1"));
   const Skeleton& s = b.frames[0].skeleton;
-  ASSERT_EQ(s.objects().size(), 2u);
-  EXPECT_EQ(s.toWorld(s.objects()[1].transform, 0)[3].x, 2);
-  EXPECT_EQ(stateOf(s, 1).color, Color(1, 0, 0));
-  EXPECT_EQ(s.objects()[0].source.offset, s.objects()[1].source.offset) << "equal content is stored once";
+  ASSERT_EQ(s.objects().size(), 3u) << "the second one shows a prototype";
+  EXPECT_EQ(s.objects()[2].prototype, 1u);
+  EXPECT_EQ(s.toWorld(s.objects()[2].transform, 0)[3].x, 2);
+  EXPECT_EQ(stateOf(s, 2).color, Color(1, 0, 0));
+  EXPECT_EQ(s.objects()[0].source.offset, s.objects()[2].source.offset) << "equal content is stored once";
   EXPECT_EQ(b.frames[0].counts.instances, 2u);
+  EXPECT_EQ(b.frames[0].counts.sharedInstances, 1u);
 }
 
 TEST(SceneBuilder, MovingTransformsKeepTheirKeys) {

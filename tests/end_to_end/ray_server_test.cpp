@@ -598,17 +598,18 @@ TEST(RayServer, AnIdleServerSleeps) {
   auto line = client->connect();
   ASSERT_TRUE(line);
   EXPECT_EQ(askAll(**line, client->worldSpace(), 7, 4), 0);
-  // Whatever the last questions have set going comes to rest.
+  // Whatever the last questions have set going comes to rest, on a busy machine a little later: then no thread wakes for
+  // a second and a half. Timers would wake one in every such while.
   auto before = sleeps(server.process->pid());
   EXPECT_GE(before.size(), 3u);
-  for (int i = 0; i < 20; ++i) {
-    std::this_thread::sleep_for(100ms);
-    const auto now = sleeps(server.process->pid());
-    if (now == before) break;
-    before = now;
+  bool rested = false;
+  for (int i = 0; i < 10 && !rested; ++i) {
+    std::this_thread::sleep_for(1500ms);
+    auto now = sleeps(server.process->pid());
+    rested = now == before;
+    before = std::move(now);
   }
-  std::this_thread::sleep_for(1500ms);
-  EXPECT_EQ(sleeps(server.process->pid()), before) << "a thread was woken: there are no timers";
+  EXPECT_TRUE(rested) << "a thread is woken again and again: there should be no timers";
 }
 
 // ---------------------------------------------------------------------------------------- frankenrender

@@ -110,6 +110,18 @@ const std::string kBored =
     "Rotate 25 1 1 0\n" + solid("difference", closed("Sphere 1 -1 1 360\n") + kRod +
                                                   closed("Translate 0.3 0 0 Torus 0.9 0.25 0 360 360\n"));
 
+/// An object four times: once by itself, three times as prototypes show it, one of them mirrored.
+std::string fourTimes(const std::string& object) {
+  const auto instance = [](const char* place) {
+    return std::string("TransformBegin ") + place + " ObjectInstance \"it\" TransformEnd\n";
+  };
+  return "ObjectBegin \"it\"\n" + object + "ObjectEnd\n" +
+         instance("Translate -0.8 0.8 0.3 Scale .55 .55 .55") +
+         instance("Translate 0.8 0.8 0 Rotate 30 1 1 0 Scale .5 .55 .6") +
+         instance("Translate -0.8 -0.8 -0.2 Rotate 70 0 1 1 Scale -.55 .55 .55") +
+         instance("Translate 0.8 -0.8 0.5 Scale .6 .6 .6");
+}
+
 const std::vector<Scene> kScenes = {
     {"Quadrics", kPerspective,
      "AttributeBegin Translate -0.8 0.8 0 Sphere 0.6 -0.6 0.6 360 AttributeEnd\n"
@@ -188,6 +200,26 @@ const std::vector<Scene> kScenes = {
      "Sphere 0.6 -0.6 0.6 360\n",
      {},
      0.02},
+    {"InstancesOfQuadrics", kPerspective,
+     fourTimes("Sphere 0.8 -0.8 0.8 360\nRotate 60 1 0 0\nTorus 1 0.25 0 360 300\n")},
+    {"InstancesOfPatches", kPerspective, fourTimes("Rotate 40 1 0.2 0\n" + kWave)},
+    {"InstancesOfSubdivision", kPerspective, fourTimes("Rotate 30 1 1 0\n" + kCube)},
+    {"InstancesOfMeshes", kPerspective, fourTimes("Rotate 50 1 0.4 0\n" + denseMesh(60)), {}, 0.02},
+    {"InstancesOfNurbs",
+     kPerspective,
+     kTrim + "Opacity [0.5 0.6 0.4]\n" + fourTimes("Rotate 20 1 0.5 0\n" + kNurbs),
+     {},
+     0.02},
+    {"InstancesOneSided", kPerspective,
+     "Sides 1\n" + fourTimes("Rotate 40 1 0 0\nTorus 0.9 0.4 0 360 300\n")},
+    {"InstancesInShadow",
+     kPerspective,
+     "Attribute \"light\" \"string shadows\" [\"on\"] LightSource \"pointlight\" 2 \"intensity\" [9] "
+     "\"from\" "
+     "[-1.5 2 -2]\nPolygon \"P\" [-2 -2 1 -2 2 1 2 2 1 2 -2 1]\n" +
+         fourTimes("Rotate 60 1 0 0\nTorus 0.7 0.3 0 360 360\n"),
+     {},
+     0.03},
     {"Solids", kPerspective,
      kBored + "Translate 0.9 0.4 -0.4\n" +
          solid("intersection", closed(kCube) + closed("Sphere 1.1 -1.1 1.1 360\n") +
