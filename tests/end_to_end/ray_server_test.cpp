@@ -598,8 +598,8 @@ TEST(RayServer, AnIdleServerSleeps) {
   auto line = client->connect();
   ASSERT_TRUE(line);
   EXPECT_EQ(askAll(**line, client->worldSpace(), 7, 4), 0);
-  // Whatever the last questions have set going comes to rest, on a busy machine a little later: then no thread wakes for
-  // a second and a half. Timers would wake one in every such while.
+  // Whatever the last questions have set going comes to rest, on a busy machine a little later: then no
+  // thread wakes for a second and a half. Timers would wake one in every such while.
   auto before = sleeps(server.process->pid());
   EXPECT_GE(before.size(), 3u);
   bool rested = false;

@@ -119,6 +119,7 @@ std::span<const RootPatchRecord> Skeleton::rootPatches() const {
   return table<RootPatchRecord>(bytes_, header_->rootPatches);
 }
 std::span<const SolidRecord> Skeleton::solids() const { return {}; }
+DMat4 Skeleton::placement(const ObjectRecord&) const { return DMat4(1); }
 const OptionsRecord& Skeleton::options() const { return table<OptionsRecord>(bytes_, header_->options)[0]; }
 std::string_view Skeleton::string(StringId id) const {
   const StringRecord r = table<StringRecord>(bytes_, header_->strings)[id];
