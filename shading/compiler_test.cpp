@@ -132,6 +132,8 @@ TEST(CompilerMessages, HabitsOfOtherLanguages) {
             "2:32 '++' does not exist in this language (write x += 1)\n2:41 unknown variable 'nowhere'\n");
   EXPECT_EQ(messages(body("  Ci = 5 % K;")), "2:10 '%' does not exist in this language (write mod(a, b))\n");
   EXPECT_EQ(messages(body("  Ci = K - -K - - 1;")), "");
+  EXPECT_EQ(messages(body("  Ci = (color) noise(P);")),
+            "2:9 a cast is written without parentheses (write color x)\n");
   EXPECT_EQ(
       messages("struct s { float x; }\nsurface a() { Ci = 1; }"),
       "1:1 expected a shader or a function, found 'struct' (classes and structures of later versions of the "
@@ -164,6 +166,11 @@ TEST(CompilerMessages, LevelsOfWarnings) {
   CompileOptions o;
   o.lint = Lint::kAll;
   (void)compileShaderString("light a() { illuminate(P) { Cl = 1 - shadow(\"x\", Ps); } }", o, d).ok();
+  (void)compileShaderString(
+      "surface a() { uniform float n = 0; Ci = 0; illuminance(P) { uniform float skip = 0;"
+      " lightsource(\"__nondiffuse\", skip); n += 1; Ci += Cl * (1 - skip) * n; } }",
+      o, d)
+      .ok();
   EXPECT_EQ(d.str(), "");
 }
 

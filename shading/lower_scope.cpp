@@ -9,7 +9,8 @@ namespace {
 enum Access : uint8_t { kNo, kRead, kWrite, kInLights, kInLightStatement };
 
 /// RISpec 3.2.1 tables 12.1-12.5, with what real shaders rely on: surface shaders may move P for their own
-/// use, and every shader may read the state of the point it runs on.
+/// use, and every shader may read the state of the point it runs on. N, s and t may be written wherever they
+/// can be read.
 Access accessOf(GlobalId id, ShaderType type) {
   const bool surface = type == ShaderType::kSurface, light = type == ShaderType::kLight,
              displacement = type == ShaderType::kDisplacement || type == ShaderType::kTransformation,
@@ -21,10 +22,9 @@ Access accessOf(GlobalId id, ShaderType type) {
     case GlobalId::k_P:
       return surface || displacement ? kWrite : kRead;
     case GlobalId::k_N:
-      return imager ? kNo : surface || displacement ? kWrite : kRead;
     case GlobalId::k_s:
     case GlobalId::k_t:
-      return imager ? kNo : surface || displacement ? kWrite : kRead;
+      return imager ? kNo : kWrite;
     case GlobalId::k_dPdu:
     case GlobalId::k_dPdv:
     case GlobalId::k_Ng:

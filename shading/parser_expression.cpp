@@ -149,6 +149,10 @@ Expr* Parser::cast(SlType type) {
 
 Expr* Parser::parenthesised() {
   const SlToken open = take();
+  if (SlType type; typeOf(peek(), type) && peek(1).is(")")) {
+    error(peek().place, "a cast is written without parentheses", fmt::format("write {} x", peek().text));
+    return nullptr;
+  }
   Expr* first = expression();
   if (!first) return nullptr;
   if (accept(")")) return first;

@@ -138,6 +138,8 @@ std::vector<std::string> ShaderLibrary::shadeopFolders(const std::string& shader
 ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::string& slxPath) {
   const auto start = std::chrono::steady_clock::now();
   CompileOptions options = options_.compile;
+  // Headers stand beside the shader, or anywhere on the shader path.
+  options.includePaths.insert(options.includePaths.begin(), options_.folders.begin(), options_.folders.end());
   options.includePaths.insert(options.includePaths.begin(), fs::path(path).parent_path().string());
   options.shadeopPaths = shadeopFolders(path);
   Diagnostics diagnostics;

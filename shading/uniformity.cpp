@@ -191,7 +191,7 @@ class Uniformity {
              s.storage == Storage::kOutputParameter || s.storage == Storage::kParameter
                  ? "declare the parameter 'varying'"
                  : "declare the variable 'varying'");
-    } else if (masked) {
+    } else if (masked && conditional()) {  // loops over lights set them light by light
       lint(in, fmt::format("uniform variable '{}' changes where only some points are active",
                            p_.strings[s.name]));
     }
