@@ -137,9 +137,10 @@ void hostileClients(Bytes& in) {
       }
       auto id = server->add(std::move(*c->memory.share()));
       if (!id) continue;
-      // What was accepted is what the channel was made with, whatever the header said in between.
+      // A lie that fits the memory is as good as the truth: what was accepted is what the header says.
       c->id = *id;
-      handler.configs[c->id] = c->config;
+      const ChannelHeader& said = c->memory.control().header;
+      handler.configs[c->id] = {said.blockCount, said.blockBytes, said.questionBytes};
       hostile.push_back(std::move(c));
       continue;
     }
