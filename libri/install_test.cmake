@@ -3,9 +3,9 @@
 # the RIB that it writes.
 set(place ${BUILD}/libri/installed)
 file(REMOVE_RECURSE ${place})
-file(MAKE_DIRECTORY ${place}/work)
+file(MAKE_DIRECTORY ${place}/trial)
 function(run)
-  execute_process(COMMAND ${ARGV} WORKING_DIRECTORY ${place}/work RESULT_VARIABLE status OUTPUT_VARIABLE out
+  execute_process(COMMAND ${ARGV} WORKING_DIRECTORY ${place}/trial RESULT_VARIABLE status OUTPUT_VARIABLE out
                   ERROR_VARIABLE err)
   if(NOT status EQUAL 0)
     message(FATAL_ERROR "${ARGV}: ${status}\n${out}${err}")
@@ -43,7 +43,7 @@ run(./rings)
 if(NOT out MATCHES "ring 2 begins at pixel 245 120")
   message(FATAL_ERROR "rings said ${out}")
 endif()
-file(RENAME ${place}/work/rings.exr ${place}/work/in_process.exr)
+file(RENAME ${place}/trial/rings.exr ${place}/trial/in_process.exr)
 run(./rings rings.rib)
 run(./rings coded.rib binary)
 foreach(rib IN ITEMS rings.rib coded.rib)

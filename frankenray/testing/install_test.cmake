@@ -1,11 +1,11 @@
 # cmake -DBUILD= -DSOURCE= -DCC= -DSANITIZE= -DLIBDIR= -P install_test.cmake
 set(place ${BUILD}/frankenray/installed)
 file(REMOVE_RECURSE ${place})
-file(MAKE_DIRECTORY ${place}/work)
+file(MAKE_DIRECTORY ${place}/trial)
 
 # run(<words>): fails the test when the program does; its output is in `out`.
 function(run)
-  execute_process(COMMAND ${ARGV} WORKING_DIRECTORY ${place}/work RESULT_VARIABLE status OUTPUT_VARIABLE out
+  execute_process(COMMAND ${ARGV} WORKING_DIRECTORY ${place}/trial RESULT_VARIABLE status OUTPUT_VARIABLE out
                   ERROR_VARIABLE err)
   if(NOT status EQUAL 0)
     message(FATAL_ERROR "${ARGV}: ${status}\n${out}${err}")
@@ -38,7 +38,7 @@ endif()
 
 # ---- The example, built against an installation ----
 run(${CMAKE_COMMAND} --install ${BUILD} --component frankenray --prefix ${place})
-file(WRITE ${place}/work/scene.rib "Projection \"perspective\"\nTranslate 0 0 10\nWorldBegin\n"
+file(WRITE ${place}/trial/scene.rib "Projection \"perspective\"\nTranslate 0 0 10\nWorldBegin\n"
      "Polygon \"P\" [-9 -9 2  -9 9 2  9 9 2  9 -9 2]\nWorldEnd\n")
 set(arguments scene.rib depth.pgm 0 0 -3 0 0 0 16 16)
 set(ENV{FRANKENRAY_RENDRIB} ${BUILD}/bin/rendrib)
@@ -72,7 +72,7 @@ if(NOT EXISTS ${place}/share/man/man3/frankenray.3)
 endif()
 
 # ---- rayserver.h: macros for others, nothing for us ----
-file(WRITE ${place}/work/shader.sl "#include \"rayserver.h\"
+file(WRITE ${place}/trial/shader.sl "#include \"rayserver.h\"
 color a = Kr * trace(P, normalize(I)) * 2; float b = rayhittest(P, I, Phit, Nhit); float c = raylevel();
 color d = visibility(P, L);
 ")
