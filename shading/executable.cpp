@@ -7,6 +7,12 @@
 
 namespace fr {
 
+namespace {
+constexpr uint32_t kBatchesBeforeNative = 4;
+/// Sets of lights with code of their own; further ones are lit by kernels.
+constexpr size_t kMostNatives = 64;
+}  // namespace
+
 Executable::Executable(std::shared_ptr<const ShaderProgram> program,
                        const std::vector<std::string>& varyingParameters)
     : program_(std::move(program)) {
@@ -15,6 +21,7 @@ Executable::Executable(std::shared_ptr<const ShaderProgram> program,
   inferClasses(varyingParameters);
   placeSymbols();
   prepareSteps();
+  plainLight_ = fr::plainLight(*this);
 }
 
 namespace {
@@ -144,14 +151,32 @@ void Executable::placeSymbols() {
   }
 }
 
-const NativeCode* Executable::makeNative() const {
-  const std::lock_guard lock(nativeMutex_);
-  if (!nativeTried_) {
-    nativeTried_ = true;
-    nativeOwner_ = NativeCode::compile(*this);
-    native_.store(nativeOwner_.get(), std::memory_order_release);
+const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf ownerOf,
+                                     const void* owner) const {
+  std::unique_lock lock(nativeMutex_);
+  const auto known = std::find_if(natives_.begin(), natives_.end(), [&](const auto& n) {
+    return std::equal(n->lights.begin(), n->lights.end(), lights.begin(), lights.end());
+  });
+  const bool isNew = known == natives_.end();
+  if (isNew && natives_.size() >= kMostNatives) return nullptr;
+  Native& n = isNew ? *natives_.emplace_back(std::make_unique<Native>()) : **known;
+  if (isNew) {
+    n.lights.assign(lights.begin(), lights.end());
+    for (uint32_t k = 0; k < lights.size(); ++k) n.owners.push_back(ownerOf(owner, k));
   }
-  return nativeOwner_.get();
+  if (n.tried) return n.code.get();
+  if (!nativeAtOnce_.load(std::memory_order_relaxed) && n.batches++ < kBatchesBeforeNative) return nullptr;
+  n.tried = true;
+  lock.unlock();
+  std::unique_ptr<const NativeCode> code = NativeCode::compile(*this, n.lights);
+  lock.lock();
+  n.code = std::move(code);
+  return n.code.get();
+}
+
+uint32_t Executable::nativeCount() const {
+  const std::lock_guard lock(nativeMutex_);
+  return uint32_t(std::count_if(natives_.begin(), natives_.end(), [](const auto& n) { return n->tried; }));
 }
 
 /// Not found, or not what the program was compiled for: the machine says so when it gets there.

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <vector>
 
 #include "shading/kernels.h"
@@ -63,15 +64,22 @@ class Executable {
   uint32_t firstColumn(uint32_t symbol) const { return firstColumn_[symbol]; }
   uint32_t columnCount() const { return columnCount_; }
 
-  /// The program as machine code, nullptr until there is any. Asked once for a batch: after some batches the
-  /// code is made, by the thread that asks then, while others go on without. Thread-safe.
-  const NativeCode* native() const {
-    const NativeCode* const code = native_.load(std::memory_order_acquire);
-    return code || batches_.fetch_add(1, std::memory_order_relaxed) != kBatchesBeforeNative ? code
-                                                                                            : makeNative();
+  /// The program as machine code for batches that are lit by `lights`, nullptr until there is any. Asked once
+  /// for a batch: after some batches the code is made, by the thread that asks then, while others go on
+  /// without. Thread-safe. `owner`(k): the executable of light k, which the code keeps alive.
+  template <class Owner>
+  const NativeCode* native(std::span<const RunLight> lights, const Owner& owner) const {
+    return native(
+        lights, [](const void* o, uint32_t k) { return (*static_cast<const Owner*>(o))(k); }, &owner);
   }
-  /// Makes the code at once. Thread-safe. nullptr where there is none.
-  const NativeCode* makeNative() const;
+  /// Without lights.
+  const NativeCode* native() const {
+    return native({}, [](uint32_t) { return std::shared_ptr<const Executable>(); });
+  }
+  /// From now on code is made for the first batch.
+  void makeNativeAtOnce() const { nativeAtOnce_.store(true, std::memory_order_relaxed); }
+  /// How often code was made. For tests.
+  uint32_t nativeCount() const;
 
   uint32_t columns() const { return columns_; }
   uint32_t blocks() const { return blocks_; }
@@ -79,9 +87,12 @@ class Executable {
   uint32_t counters() const { return counters_; }
   uint32_t depth() const { return depth_; }  // deepest nesting of control flow
   bool has(ProgramFlags f) const { return program_->has(f); }
+  /// A light that machine code of surfaces may contain (run_light.h).
+  bool plainLight() const { return plainLight_; }
 
  private:
-  static constexpr uint32_t kBatchesBeforeNative = 4;
+  using OwnerOf = std::shared_ptr<const Executable> (*)(const void* owner, uint32_t light);
+  const NativeCode* native(std::span<const RunLight> lights, OwnerOf ownerOf, const void* owner) const;
   void inferClasses(const std::vector<std::string>& varyingParameters);
   bool followControl(std::vector<char>& leaves, bool inferring);
   void placeSymbols();
@@ -97,11 +108,18 @@ class Executable {
   std::vector<bool> varyingControl_, liveAtEntry_;
   std::vector<uint32_t> zeroed_, firstColumn_;
   uint32_t columns_ = 0, blocks_ = 0, strings_ = 0, counters_ = 0, depth_ = 0, columnCount_ = 0;
+  bool plainLight_ = false;
+  /// Code for one set of lights.
+  struct Native {
+    std::vector<RunLight> lights;
+    std::vector<std::shared_ptr<const Executable>> owners;
+    uint32_t batches = 0;
+    bool tried = false;
+    std::unique_ptr<const NativeCode> code;  // once made it stays
+  };
   mutable std::mutex nativeMutex_;
-  mutable std::unique_ptr<const NativeCode> nativeOwner_;
-  mutable bool nativeTried_ = false;
-  mutable std::atomic<const NativeCode*> native_{nullptr};
-  mutable std::atomic<uint32_t> batches_{0};
+  mutable std::vector<std::unique_ptr<Native>> natives_;
+  mutable std::atomic<bool> nativeAtOnce_{false};
 };
 
 }  // namespace fr

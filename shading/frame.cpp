@@ -89,7 +89,7 @@ void Frame::prepare(const ShaderInstance& instance, uint32_t lanes, bool sent) {
     filled_ = 0;
   }
   const Executable& e = exe();
-  native_ = e.native();
+  native_ = nullptr;
   const ShaderProgram& p = e.program();
   // Variables that may be read before they are set start at zero, so that they do not hold the last batch.
   for (const uint32_t s : e.zeroed())

@@ -54,7 +54,8 @@ struct Control {
 class Frame {
  public:
   /// Lays registers out for `lanes` points, writes constants and parameter values. Cheap when the frame ran
-  /// the same instance over as many lanes before. `sent`: parameters have been written to from outside since.
+  /// the same instance over as many lanes before. Without machine code. `sent`: parameters have been written
+  /// to from outside since.
   void prepare(const ShaderInstance& instance, uint32_t lanes, bool sent = false);
   /// Puts a global where the caller's values are, if the program only reads it and has as many values of it.
   /// The values stay valid until the shader is done.
@@ -82,6 +83,12 @@ class Frame {
   uint32_t lanes() const { return lanes_; }
   /// Machine code of the program, nullptr while there is none.
   const NativeCode* native() const { return native_; }
+  void useNative(const NativeCode* code) { native_ = code; }
+  /// The parameters of this instance are in their registers, for so many points.
+  bool holds(const ShaderInstance& instance, uint32_t lanes) const {
+    return instance_ == &instance && laidOut_ == instance.exe && lanes_ == lanes && instance.serial != 0 &&
+           filled_ == instance.serial;
+  }
   /// Where the components of all symbols are, by Executable::firstColumn().
   float* const* columns() const { return columns_.data(); }
 

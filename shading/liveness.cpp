@@ -14,7 +14,15 @@ bool isResult(const Symbol& s) {
 bool isAssign(Op op) {
   return op == Op::assign_f || op == Op::assign_t || op == Op::assign_m || op == Op::assign_s;
 }
+bool isLightLoop(Op op) {
+  return op == Op::illuminance_begin || op == Op::illuminance_cone_begin || op == Op::ambient_begin;
+}
 }  // namespace
+
+bool setByLightLoop(const ShaderProgram& p, GlobalId id) {
+  return p.type != ShaderType::kLight &&
+         (id == GlobalId::k_L || id == GlobalId::k_Cl || id == GlobalId::k_Ol);
+}
 
 Liveness::Liveness(const ShaderProgram& p, const std::vector<bool>& varyingControl)
     : program_(p), varyingControl_(varyingControl) {
@@ -22,7 +30,8 @@ Liveness::Liveness(const ShaderProgram& p, const std::vector<bool>& varyingContr
   always_.assign(words, 0);
   for (size_t i = 0; i < p.symbols.size(); ++i) {
     const Storage st = p.symbols[i].storage;
-    if (st == Storage::kParameter || st == Storage::kOutputParameter || st == Storage::kGlobal)
+    const bool lit = st == Storage::kGlobal && setByLightLoop(p, GlobalId(p.symbols[i].data));
+    if (st == Storage::kParameter || st == Storage::kOutputParameter || (st == Storage::kGlobal && !lit))
       always_[i / 64] |= uint64_t(1) << (i % 64);
   }
   const auto end = uint32_t(p.code.size());
@@ -57,9 +66,24 @@ void Liveness::addSuccessors(uint32_t i, Bits& live) const {
     else
       add(always_);
   };
+  const Instruction& in = program_.code[i];
+  if (isLightLoop(in.op) && program_.type != ShaderType::kLight) {
+    // The body, for which the loop has set its variables; behind the loop.
+    from(i + 1);
+    for (const GlobalId id : {GlobalId::k_L, GlobalId::k_Cl, GlobalId::k_Ol}) {
+      const uint32_t s = program_.findGlobal(id);
+      if (s == kNoIndex || (id == GlobalId::k_L && in.op == Op::ambient_begin)) continue;
+      live[s / 64] &= ~(uint64_t(1) << (s % 64));
+    }
+    return from(in.jump + 1);
+  }
+  if (in.op == Op::illuminance_end) {
+    from(in.jump);
+    return from(i + 1);
+  }
   from(i + 1);
   // Wherever the machine may go on: at the partner, or behind it. The other way round from the end of a loop.
-  const uint32_t jump = program_.code[i].jump;
+  const uint32_t jump = in.jump;
   if (jump == kNoIndex) return;
   from(jump);
   from(jump + 1);

@@ -9,6 +9,10 @@
 
 namespace fr {
 
+/// L, Cl and Ol of shaders that are lit: light loops set them for their bodies, and nobody else asks for
+/// them.
+bool setByLightLoop(const ShaderProgram& program, GlobalId id);
+
 class Liveness {
  public:
   /// `varyingControl[i]`: some points may be inactive at instruction i, so what it assigns does not replace

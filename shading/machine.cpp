@@ -66,6 +66,12 @@ void Machine::setGlobals(Frame& f) {
 
 void Machine::begin(const Batch& batch, const ShaderInstance& shader,
                     std::span<const ShaderInstance* const> lights, const Partners& partners) {
+  beginWithKernels(batch, shader, lights, partners);
+  main_.useNative(nativeCode(shader));
+}
+
+void Machine::beginWithKernels(const Batch& batch, const ShaderInstance& shader,
+                               std::span<const ShaderInstance* const> lights, const Partners& partners) {
   FR_CHECK(batch.lanes % kLanePad == 0 && batch.lanes > 0 && batch.mask);
   batch_ = batch;
   partners_ = partners;
@@ -96,9 +102,26 @@ void Machine::begin(const Batch& batch, const ShaderInstance& shader,
       l.sample = k, l.samples = samples;
     }
   }
+  columnsKnown_ = false;
   stack_.clear();
   stack_.reserve(4);
   stack_.push_back(&main_);
+}
+
+/// Of the shader under the lights of this batch.
+const NativeCode* Machine::nativeCode(const ShaderInstance& shader) {
+  runLights_.clear();
+  if (shader.exe->has(kProgramUsesLights))
+    for (uint32_t k = 0; k < lightCount_; ++k) {
+      const LightState& l = *lights_[k];
+      runLights_.push_back(
+          {l.instance->exe.get(), l.instance->exe->plainLight() && !l.instance->shadows && !l.emitter});
+    }
+  LastNative& last = lastNative_;
+  if (last.code && last.exe == shader.exe && last.lights == runLights_) return last.code;
+  last.code = shader.exe->native(runLights_, [&](uint32_t k) { return lights_[k]->instance->exe; });
+  last.exe = shader.exe, last.lights = runLights_;
+  return last.code;
 }
 
 Machine::Status Machine::run() {
@@ -125,7 +148,7 @@ void Machine::beginDefaults(const ShaderInstance& shader) {
   b.points = b.asking = 1;
   b.mask = kAllActive;
   b.raysAllowed = false;
-  begin(b, shader, {}, {});
+  beginWithKernels(b, shader, {}, {});
 }
 
 ShaderValue Machine::runDefault(const Parameter& p) {
@@ -169,7 +192,11 @@ Machine::Next Machine::execute(Frame& f) {
         statistics_.lanesTotal += uint64_t(f.lanes()) * run->varyingSteps;
       }
       statistics_.steps += run->steps;
-      run->function(f.columns(), f.lanes() * sizeof(float), f.mask);
+      if (run->lights) {
+        if (active == kUncounted) active = kernels().countActive(f.mask, f.lanes());
+        statistics_.lightPoints += active * run->lights;
+      }
+      run->function(run->readsLights ? columnsWithLights(f) : f.columns(), f.lanes() * sizeof(float), f.mask);
       f.pc = run->end;
       continue;
     }

@@ -146,12 +146,17 @@ class Machine {
   enum class Next { kGo, kCall, kSuspend };
 
   // machine.cpp
+  void beginWithKernels(const Batch& batch, const ShaderInstance& shader,
+                        std::span<const ShaderInstance* const> lights, const Partners& partners);
   Next execute(Frame& f);
   Next control(Frame& f, const Step& s);
   void leave(Frame& f, uint32_t outermost);
   bool any(const int32_t* m) const;
   void setGlobals(Frame& f);
+  const NativeCode* nativeCode(const ShaderInstance& shader);
   // machine_light.cpp
+  void placeAtOrigin(LightState& l, uint32_t lanes);
+  float* const* columnsWithLights(Frame& f);
   Next lightTurn(Frame& f);
   void beginLight(LightState& l);
   void collectLight(LightState& l, const int32_t* need);
@@ -268,6 +273,15 @@ class Machine {
   std::vector<Vec2> pairs_;  // random numbers for points of a light
   struct ShadeopCalls;       // buffers for calls of shared objects
   std::unique_ptr<ShadeopCalls> shadeopCalls_;
+  /// The machine code of the last batch, which the next one is likely to want too.
+  struct LastNative {
+    std::shared_ptr<const Executable> exe;
+    std::vector<RunLight> lights;
+    const NativeCode* code = nullptr;
+  } lastNative_;
+  std::vector<RunLight> runLights_;
+  std::vector<float*> columns_;  // of the surface and its lights
+  bool columnsKnown_ = false;
   MachineStatistics statistics_;
 };
 

@@ -114,7 +114,7 @@ class MachineFixture {
     }
     auto exe =
         std::make_shared<Executable>(std::make_shared<const ShaderProgram>(std::move(*program)), varying);
-    if (native) exe->makeNative();
+    if (native) exe->makeNativeAtOnce();
     kept_.push_back(bindShader(exe, shaderToCurrent, settings, host));
     return kept_.back();
   }

@@ -64,13 +64,42 @@ void Machine::beginLight(LightState& l) {
   }
   std::memset(l.memory.data(), 0, size_t(n) * columns * sizeof(float));
   l.frame.prepare(*l.instance, n, sent);
+  l.frame.useNative(l.instance->exe->native());
   setGlobals(l.frame);
-  // P is the light's own origin.
+  placeAtOrigin(l, n);
+}
+
+/// P is the light's own origin.
+void Machine::placeAtOrigin(LightState& l, uint32_t lanes) {
   const Operand P = l.frame.global(GlobalId::k_P);
-  if (P.data) {
-    const Vec3 origin = transformPoint(Mat4(l.instance->toCurrent), Vec3(0));
-    for (int c = 0; c < 3; ++c) std::fill_n(P.comp(uint32_t(c)), P.varying() ? n : kLanePad, origin[c]);
+  if (!P.data) return;
+  const Vec3 origin = transformPoint(Mat4(l.instance->toCurrent), Vec3(0));
+  for (int c = 0; c < 3; ++c) std::fill_n(P.comp(uint32_t(c)), P.varying() ? lanes : kLanePad, origin[c]);
+}
+
+/// The columns of a surface followed by those of its lights, for machine code that lights have been written
+/// out in: their parameters and their P are all that it reads.
+float* const* Machine::columnsWithLights(Frame& f) {
+  if (columnsKnown_) return columns_.data();
+  columnsKnown_ = true;
+  columns_.assign(f.columns(), f.columns() + f.exe().columnCount());
+  for (uint32_t k = 0; k < lightCount_; ++k) {
+    LightState& l = *lights_[k];
+    const Executable& e = *l.instance->exe;
+    if (runLights_[k].plain && !l.begun) {
+      if (l.sentTo || !l.frame.holds(*l.instance, batch_.lanes)) {
+        l.frame.prepare(*l.instance, batch_.lanes, l.sentTo);
+        l.sentTo = false;
+      }
+      l.frame.unalias(GlobalId::k_P);
+      placeAtOrigin(l, kLanePad);
+    }
+    if (runLights_[k].plain)
+      columns_.insert(columns_.end(), l.frame.columns(), l.frame.columns() + e.columnCount());
+    else
+      columns_.resize(columns_.size() + e.columnCount(), nullptr);
   }
+  return columns_.data();
 }
 
 Machine::LightState* Machine::lightOf(const Frame& f) const {

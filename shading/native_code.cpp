@@ -2,7 +2,7 @@
 
 #include "shading/executable.h"
 #include "shading/liveness.h"
-#include "shading/recorded_kernels.h"
+#include "shading/run_recorder.h"
 
 namespace fr {
 
@@ -12,164 +12,143 @@ namespace {
 constexpr size_t kMostInstructions = 50000;
 /// About as many nodes in one run: compilation grows a little faster than the run.
 constexpr uint32_t kMostNodes = 8000;
-constexpr NodeIndex kUnknown = ~0u;
-
-uint32_t nodesOf(Op op) {
-  switch (opInfo(op).cost) {
-    case Cost::kHeavy:
-      return 700;
-    case Cost::kMath:
-      return 50;
-    default:
-      return 5;
-  }
-}
-
-bool hasRecipe(const Step& s) { return s.kernel && !s.control && recordedKernels().op[size_t(s.op)]; }
-
-/// The values of a run's registers while it is recorded.
-class RunRecorder final : public OperandRecorder {
- public:
-  explicit RunRecorder(const Executable& exe) : exe_(exe), values_(exe.columnCount(), kUnknown) {}
-
-  void record(const Step& s) {
-    step_ = &s;
-    operands_.resize(s.argCount);
-    for (uint32_t k = 0; k < s.argCount; ++k) operands_[k] = {this, k};
-    recorded::KernelCall call;
-    call.arg = operands_.data(), call.argCount = s.argCount;
-    recordedKernels().op[size_t(s.op)](call);
-  }
-  NodeIndex read(uint32_t operand, uint32_t component) override {
-    const uint32_t s = symbol(operand), column = exe_.firstColumn(s) + component;
-    if (values_[column] == kUnknown) {
-      values_[column] = graph.load(column, !exe_.varying(s));
-      touched_.push_back(column);
-    }
-    return values_[column];
-  }
-  void write(uint32_t operand, uint32_t component, NodeIndex value) override {
-    const uint32_t s = symbol(operand), column = exe_.firstColumn(s) + component;
-    if (values_[column] == kUnknown) touched_.push_back(column);
-    values_[column] = value;
-    written.push_back({s, column, step_->masked});
-  }
-  NodeIndex value(uint32_t column) const { return values_[column]; }
-  void clear() {
-    for (const uint32_t c : touched_) values_[c] = kUnknown;
-    touched_.clear();
-    written.clear();
-    graph.clear();
-  }
-
-  struct Written {
-    uint32_t symbol, column;
-    bool masked;  // inactive points keep their value
-  };
-  ValueGraph graph;
-  std::vector<Written> written;
-
- private:
-  uint32_t symbol(uint32_t operand) const {
-    return exe_.program().args[step_->firstArg + operand] & kArgIndex;
-  }
-  const Executable& exe_;
-  const Step* step_ = nullptr;
-  std::vector<NodeIndex> values_;
-  std::vector<uint32_t> touched_;
-  std::vector<recorded::Operand> operands_;
-};
 
 struct Range {
   uint32_t begin, end;
 };
 
-std::vector<Range> findRuns(const Executable& exe) {
+/// Instructions that can be recorded in a row, with whole blocks or without.
+std::vector<Range> findRuns(const RunRecorder& recorder, uint32_t begin, uint32_t end, bool blocks) {
   std::vector<Range> runs;
-  const std::vector<Step>& steps = exe.steps();
   uint32_t nodes = 0;
-  for (uint32_t i = exe.program().bodyBegin; i < steps.size(); ++i) {
-    if (!hasRecipe(steps[i])) {
+  for (uint32_t i = begin; i < end;) {
+    RunRecorder::Extent e = recorder.instruction(i);
+    if (!blocks && e.end != i + 1) e = {};
+    if (e.end == 0) {
       nodes = 0;
+      ++i;
       continue;
     }
     if (nodes == 0 || nodes > kMostNodes) {
       runs.push_back({i, i});
       nodes = 0;
     }
-    runs.back().end = i + 1;
-    nodes += nodesOf(steps[i].op);
+    runs.back().end = i = e.end;
+    nodes += e.nodes;
   }
   return runs;
 }
 
+/// Compiles run after run into one piece of memory.
+class Compilation {
+ public:
+  Compilation(const Executable& exe, std::span<const RunLight> lights)
+      : exe_(exe),
+        program_(exe.program()),
+        recorder_(exe, lights),
+        scope_(recorder_.graph),
+        liveness_(program_, exe.varyingControl()) {}
+
+  void compileAll() {
+    const auto end = uint32_t(program_.code.size());
+    for (const Range& failed : compile(findRuns(recorder_, program_.bodyBegin, end, true)))
+      compile(findRuns(recorder_, failed.begin, failed.end, false));
+  }
+
+  struct Result {
+    uint32_t begin = 0;
+    size_t offset = 0;
+    NativeCode::Run run;
+  };
+  std::vector<uint8_t> code;
+  std::vector<Result> results;
+
+ private:
+  /// Returns those that could not be compiled.
+  std::vector<Range> compile(const std::vector<Range>& ranges) {
+    std::vector<uint32_t> ends;
+    for (const Range& r : ranges) ends.push_back(r.end);
+    const std::vector<Liveness::Bits> live = liveness_.before(ends);  // what is read behind each run
+    std::vector<Range> failed;
+    for (size_t k = 0; k < ranges.size(); ++k)
+      if (!compile(ranges[k], live[k])) failed.push_back(ranges[k]);
+    return failed;
+  }
+  bool compile(const Range& range, const Liveness::Bits& live);
+  bool listOutputs(const Range& range, const Liveness::Bits& live, std::vector<RunOutput>& outputs) const;
+
+  const Executable& exe_;
+  const ShaderProgram& program_;
+  RunRecorder recorder_;
+  const RecordingScope scope_;
+  const Liveness liveness_;
+};
+
+/// Predefined variables that the renderer and other shaders may look at, and parameters.
+bool isShared(const ShaderProgram& p, const Symbol& s) {
+  if (s.storage == Storage::kOutputParameter || s.storage == Storage::kParameter) return true;
+  return s.storage == Storage::kGlobal && !setByLightLoop(p, GlobalId(s.data));
+}
+
+bool Compilation::listOutputs(const Range& range, const Liveness::Bits& live,
+                              std::vector<RunOutput>& outputs) const {
+  // Points that a light was not asked for keep what an earlier turn has left.
+  const bool varyingControl = exe_.varyingControl()[range.begin], light = program_.type == ShaderType::kLight;
+  std::vector<bool> seen(exe_.columnCount(), false);
+  const auto& written = recorder_.written();
+  for (size_t w = written.size(); w-- > 0;) {
+    const auto [s, column, masked] = written[w];
+    const bool shared = isShared(program_, program_.symbols[s]);
+    if (seen[column] || (!Liveness::has(live, s) && !shared)) continue;
+    seen[column] = true;
+    const Node& value = recorder_.graph.nodes()[recorder_.value(column)];
+    if ((value.op == VectorOp::kLoad || value.op == VectorOp::kLoadUniform) && value.imm == column) continue;
+    RunOutput o;
+    o.column = column;
+    o.value = recorder_.value(column);
+    o.uniform = !exe_.varying(s);
+    o.masked = !o.uniform && masked && (varyingControl || (light && shared));
+    if (o.uniform && !value.uniform) return false;
+    outputs.push_back(o);
+  }
+  return true;
+}
+
+bool Compilation::compile(const Range& range, const Liveness::Bits& live) {
+  recorder_.clear();
+  std::vector<RunOutput> outputs;
+  if (!recorder_.record(range.begin, range.end) || !listOutputs(range, live, outputs)) return false;
+  recorder_.graph.mask();
+  const std::vector<uint8_t> bytes = compileRun(recorder_.graph, outputs, true);
+  code.resize((code.size() + 63) / 64 * 64);
+  Result r;
+  r.begin = range.begin, r.offset = code.size();
+  r.run.end = range.end;
+  r.run.steps = recorder_.steps(), r.run.varyingSteps = recorder_.varyingSteps();
+  r.run.lights = recorder_.lightsRun(), r.run.readsLights = recorder_.readsLights();
+  code.insert(code.end(), bytes.begin(), bytes.end());
+  results.push_back(r);
+  return true;
+}
+
 }  // namespace
 
-std::unique_ptr<const NativeCode> NativeCode::compile(const Executable& exe) {
-  const ShaderProgram& p = exe.program();
-  if (!nativeCodeAvailable() || p.code.size() > kMostInstructions) return nullptr;
-  const std::vector<Range> ranges = findRuns(exe);
-  if (ranges.empty()) return nullptr;
-  // What is read behind each run.
-  std::vector<uint32_t> ends;
-  for (const Range& r : ranges) ends.push_back(r.end);
-  const Liveness liveness(p, exe.varyingControl());
-  const std::vector<Liveness::Bits> live = liveness.before(ends);
-
+std::unique_ptr<const NativeCode> NativeCode::compile(const Executable& exe,
+                                                      std::span<const RunLight> lights) {
+  if (!nativeCodeAvailable() || exe.program().code.size() > kMostInstructions) return nullptr;
+  Compilation c(exe, lights);
+  c.compileAll();
+  if (c.results.empty()) return nullptr;
   std::unique_ptr<NativeCode> result(new NativeCode);
-  result->runAt_.assign(p.code.size(), 0);
-  std::vector<uint8_t> code;
-  std::vector<size_t> offsets;
-  RunRecorder recorder(exe);
-  const RecordingScope scope(recorder.graph);
-  for (size_t k = 0; k < ranges.size(); ++k) {
-    const Range range = ranges[k];
-    recorder.clear();
-    Run run;
-    run.end = range.end;
-    for (uint32_t i = range.begin; i < range.end; ++i) {
-      recorder.record(exe.steps()[i]);
-      ++run.steps, run.varyingSteps += exe.steps()[i].varying;
-    }
-    // Points that a light was not asked for keep what an earlier turn has left.
-    const bool varyingControl = exe.varyingControl()[range.begin], light = p.type == ShaderType::kLight;
-    std::vector<RunOutput> outputs;
-    std::vector<bool> seen(exe.columnCount(), false);
-    bool possible = true;
-    for (size_t w = recorder.written.size(); w-- > 0;) {
-      const auto [s, column, masked] = recorder.written[w];
-      const Symbol& symbol = p.symbols[s];
-      const Storage st = symbol.storage;
-      const bool shared =
-          st == Storage::kGlobal || st == Storage::kOutputParameter || st == Storage::kParameter;
-      if (seen[column] || (!Liveness::has(live[k], s) && !shared)) continue;
-      seen[column] = true;
-      const Node& value = recorder.graph.nodes()[recorder.value(column)];
-      if ((value.op == VectorOp::kLoad || value.op == VectorOp::kLoadUniform) && value.imm == column)
-        continue;
-      RunOutput o;
-      o.column = column;
-      o.value = recorder.value(column);
-      o.uniform = !exe.varying(s);
-      o.masked = !o.uniform && masked && (varyingControl || (light && shared));
-      possible = possible && !(o.uniform && !value.uniform);
-      outputs.push_back(o);
-    }
-    if (!possible) continue;
-    recorder.graph.mask();
-    const std::vector<uint8_t> bytes = compileRun(recorder.graph, outputs, true);
-    code.resize((code.size() + 63) / 64 * 64);
-    offsets.push_back(code.size());
-    code.insert(code.end(), bytes.begin(), bytes.end());
-    result->runs_.push_back(run);
-    result->runAt_[range.begin] = uint32_t(result->runs_.size());
-  }
-  if (result->runs_.empty()) return nullptr;
-  result->memory_ = NativeMemory::of(code);
+  result->memory_ = NativeMemory::of(c.code);
   if (!result->memory_) return nullptr;
-  for (size_t k = 0; k < result->runs_.size(); ++k)
-    result->runs_[k].function =
-        reinterpret_cast<RunFunction>(reinterpret_cast<uintptr_t>(result->memory_->at(offsets[k])));
+  result->runAt_.assign(exe.program().code.size(), 0);
+  for (Compilation::Result& r : c.results) {
+    r.run.function =
+        reinterpret_cast<RunFunction>(reinterpret_cast<uintptr_t>(result->memory_->at(r.offset)));
+    result->runs_.push_back(r.run);
+    result->runAt_[r.begin] = uint32_t(result->runs_.size());
+  }
   return result;
 }
 

@@ -1,14 +1,16 @@
 // A program's runs of elementwise instructions as machine code.
 //
-// Between two instructions of another kind (control flow, textures, rays, strings) all values of a point stay
-// in registers; what is read later is stored. The machine runs a program with or without: the results are the
-// same bits.
+// Between two instructions of another kind (loops, textures, rays, strings) all values of a point stay in
+// registers; what is read later is stored. Short conditions and loops over plain lights are part of a run.
+// The machine runs a program with or without: the results are the same bits.
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "shading/native_run.h"
+#include "shading/run_light.h"
 
 namespace fr {
 
@@ -20,9 +22,12 @@ class NativeCode {
     RunFunction function = nullptr;
     uint32_t end = 0;                      // the instruction behind it
     uint32_t steps = 0, varyingSteps = 0;  // that it stands for
+    uint32_t lights = 0;                   // evaluations of a light
+    bool readsLights = false;              // its columns are the program's, then those of the lights in a row
   };
-  /// Nothing when there is no such code here (nativeCodeAvailable()) or the program has no use for it.
-  static std::unique_ptr<const NativeCode> compile(const Executable& exe);
+  /// For batches that are lit by `lights`. Nothing when there is no such code here (nativeCodeAvailable()) or
+  /// the program has no use for it.
+  static std::unique_ptr<const NativeCode> compile(const Executable& exe, std::span<const RunLight> lights);
 
   /// The run that begins at an instruction, nullptr if none does.
   const Run* at(uint32_t instruction) const {
@@ -31,6 +36,12 @@ class NativeCode {
   }
   size_t bytes() const { return memory_->size(); }
   size_t runCount() const { return runs_.size(); }
+  /// Evaluations of lights that are part of the runs.
+  uint32_t lightCount() const {
+    uint32_t n = 0;
+    for (const Run& r : runs_) n += r.lights;
+    return n;
+  }
 
  private:
   NativeCode() = default;

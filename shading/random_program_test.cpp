@@ -126,6 +126,85 @@ TEST(RandomPrograms, MachineAgreesWithTheReference) {
   setReportSink({});
 }
 
+/// Kernels and machine code over the same points and lights.
+std::string litDifference(uint64_t seed, uint32_t& lightsInRuns) {
+  const std::string text = randomLitShader(seed);
+  const uint32_t sizes[][2] = {{0, 0}, {6, 0}, {7, 0}, {8, 0}, {4, 2}, {15, 0}, {16, 0}, {10, 5}};
+  const auto& size = sizes[seed % std::size(sizes)];
+  MachineFixture kernels(size[0], size[1]), native(size[0], size[1]);
+  kernels.native = false;
+  std::vector<const ShaderInstance*> lights[2];
+  std::string all = text;
+  int at = 0;
+  for (MachineFixture* m : {&kernels, &native}) {
+    for (uint64_t k = 0; k < seed % 4; ++k) {
+      const std::string light = randomLight(seed * 4 + k);
+      if (at == 0) all += light;
+      const auto l = m->shader(light);
+      if (!l) return "light not compiled: " + m->error + light;
+      lights[at].push_back(l.get());
+    }
+    ++at;
+  }
+  const auto a = kernels.shader(text), b = native.shader(text);
+  if (!a || !b) return "not compiled: " + kernels.error + text;
+  // Normals that are turned to the lights at some points and away at others.
+  for (MachineFixture* m : {&kernels, &native})
+    for (uint32_t i = 0; i < m->lanes; ++i)
+      for (uint32_t c = 0; c < 3; ++c)
+        m->batch.globals[size_t(GlobalId::k_N)].comp(c)[i] =
+            float(hashStep(seed, 3 * i + c) >> 40) / 8388608.0f - 1;
+  std::vector<RunLight> runLights;
+  for (const ShaderInstance* l : lights[1]) runLights.push_back({l->exe.get(), l->exe->plainLight()});
+  const NativeCode* const code =
+      b->exe->has(kProgramUsesLights)
+          ? b->exe->native(runLights, [&](uint32_t k) { return lights[1][k]->exe; })
+          : nullptr;
+  lightsInRuns += code ? code->lightCount() : 0;
+  // Twice: what the first batch leaves behind must not matter.
+  for (int turn = 0; turn < 2; ++turn) {
+    kernels.run(*a, lights[0]);
+    native.run(*b, lights[1]);
+    for (const char* name : {"Ci", "Oi", "aov", "trail"}) {
+      const Operand x = kernels.machine.result(name), y = native.machine.result(name);
+      const uint32_t width = name == std::string_view("trail") ? 1 : 3;
+      for (uint32_t i = 0; i < kernels.count; ++i)
+        for (uint32_t c = 0; c < width; ++c) {
+          const float want = x.at(i, c), got = y.at(i, c);
+          if (std::memcmp(&want, &got, sizeof want) != 0 && !(std::isnan(want) && std::isnan(got)))
+            return fmt::format("{}[{}] of point {} of {}, batch {}: {} instead of {}\n{}", name, c, i,
+                               kernels.count, turn, got, want, all);
+        }
+    }
+  }
+  return "";
+}
+
+TEST(RandomPrograms, MachineCodeAgreesUnderLights) {
+  setReportSink([](const Error&) {});
+  const bool stress = std::getenv("FR_STRESS") != nullptr;
+  const char* const given = std::getenv("FR_SEED");
+  const char* const limit = std::getenv("FR_STRESS_SECONDS");
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(limit ? std::atoi(limit) : 600);
+  const uint64_t first = given    ? std::strtoull(given, nullptr, 0)
+                         : stress ? uint64_t(std::chrono::system_clock::now().time_since_epoch().count())
+                                  : 1;
+  int failures = 0;
+  uint32_t lightsInRuns = 0;
+  uint64_t count = 0;
+  for (uint64_t seed = first; failures < 3; ++seed, ++count) {
+    if (given ? count >= 1 : stress ? std::chrono::steady_clock::now() > end : count >= 300) break;
+    const std::string difference = litDifference(seed, lightsInRuns);
+    if (difference.empty()) continue;
+    ++failures;
+    ADD_FAILURE() << "seed " << seed << ": " << difference;
+  }
+  if (!given && failures == 0) {
+    EXPECT_GT(lightsInRuns, count / 2) << "light loops are not written out any more";
+  }
+  setReportSink({});
+}
+
 TEST(RandomPrograms, ADifferenceIsSeen) {
   const char* const kText =
       "surface a(float gain = 1; color tint = 1; output varying color aov = 0; output varying float trail = "

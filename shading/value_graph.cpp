@@ -124,30 +124,18 @@ bool ValueGraph::simplify(Node& n, NodeIndex& result) {
       if (n.a == n.b) return to(n.a);
       break;
     case VectorOp::kAnd:
-      if (n.a == n.b || is(n.b, kOnes)) return to(n.a);
-      if (is(n.a, kOnes)) return to(n.b);
-      if (is(n.a, 0) || is(n.b, 0)) return to(0);
-      // Masks of masks: an absolute value of an absolute value.
-      for (auto [x, y] : {std::pair(n.a, n.b), std::pair(n.b, n.a)})
-        if (isConstant(x) && nodes_[y].op == VectorOp::kAnd)
-          for (auto [u, v] : {std::pair(nodes_[y].a, nodes_[y].b), std::pair(nodes_[y].b, nodes_[y].a)})
-            if (isConstant(u))
-              return to(add({VectorOp::kAnd, true, 0, constant(nodes_[x].imm & nodes_[u].imm), v, 0}));
-      // ~x & y
-      for (auto [x, y] : {std::pair(n.a, n.b), std::pair(n.b, n.a)})
-        if (nodes_[x].op == VectorOp::kXor && (is(nodes_[x].a, kOnes) || is(nodes_[x].b, kOnes)))
-          return to(
-              add({VectorOp::kAndNot, true, 0, is(nodes_[x].a, kOnes) ? nodes_[x].b : nodes_[x].a, y, 0}));
-      break;
+      return simplifyAnd(n, result);
     case VectorOp::kAndNot:
       if (is(n.a, 0)) return to(n.b);
-      if (is(n.a, kOnes) || is(n.b, 0)) return to(0);
+      if (is(n.a, kOnes) || is(n.b, 0) || n.a == n.b) return to(0);
+      // ~x & (x & y), ~x & (~x & y)
+      if (nodes_[n.b].op == VectorOp::kAnd && (nodes_[n.b].a == n.a || nodes_[n.b].b == n.a)) return to(0);
+      if (nodes_[n.b].op == VectorOp::kAndNot && nodes_[n.b].a == n.a) return to(n.b);
       break;
     case VectorOp::kOr:
-      if (n.a == n.b || is(n.b, 0)) return to(n.a);
-      if (is(n.a, 0)) return to(n.b);
-      if (is(n.a, kOnes) || is(n.b, kOnes)) return to(constant(kOnes));
-      break;
+      return simplifyOr(n, result);
+    case VectorOp::kCompare:
+      return simplifyComparison(n, result);
     case VectorOp::kXor:
       if (is(n.b, 0)) return to(n.a);
       if (is(n.a, 0)) return to(n.b);
@@ -159,16 +147,8 @@ bool ValueGraph::simplify(Node& n, NodeIndex& result) {
             if (isConstant(u))
               return to(add({VectorOp::kXor, true, 0, constant(nodes_[x].imm ^ nodes_[u].imm), v, 0}));
       break;
-    case VectorOp::kSelect: {
-      if (n.b == n.c) return to(n.b);
-      if (isConstant(n.a)) return to(nodes_[n.a].imm ? n.b : n.c);
-      const Node& m = nodes_[n.a];
-      if (m.op == VectorOp::kXor && (is(m.a, kOnes) || is(m.b, kOnes)))
-        return to(add({VectorOp::kSelect, true, 0, is(m.a, kOnes) ? m.b : m.a, n.c, n.b}));
-      if (is(n.c, 0)) return to(add({VectorOp::kAnd, true, 0, n.a, n.b, 0}));
-      if (is(n.b, 0)) return to(add({VectorOp::kAndNot, true, 0, n.a, n.c, 0}));
-      break;
-    }
+    case VectorOp::kSelect:
+      return simplifySelect(n, result);
     case VectorOp::kAddInt:
       if (is(n.a, 0)) return to(n.b);
       if (is(n.b, 0)) return to(n.a);
@@ -182,6 +162,134 @@ bool ValueGraph::simplify(Node& n, NodeIndex& result) {
       break;
   }
   return false;
+}
+
+bool ValueGraph::simplifyAnd(const Node& n, NodeIndex& result) {
+  const auto is = [&](NodeIndex i, uint32_t bits) { return isConstant(i) && nodes_[i].imm == bits; };
+  const auto to = [&](NodeIndex i) {
+    result = i;
+    return true;
+  };
+  if (n.a == n.b || is(n.b, kOnes)) return to(n.a);
+  if (is(n.a, kOnes)) return to(n.b);
+  if (is(n.a, 0) || is(n.b, 0)) return to(0);
+  for (auto [x, y] : {std::pair(n.a, n.b), std::pair(n.b, n.a)}) {
+    const Node &p = nodes_[x], &q = nodes_[y];
+    if (q.op == VectorOp::kAnd) {
+      // Masks of masks: an absolute value of an absolute value.
+      if (isConstant(x))
+        for (auto [u, v] : {std::pair(q.a, q.b), std::pair(q.b, q.a)})
+          if (isConstant(u)) return to(add({VectorOp::kAnd, true, 0, constant(p.imm & nodes_[u].imm), v, 0}));
+      if (q.a == x || q.b == x) return to(y);  // x & (x & z)
+    }
+    if (q.op == VectorOp::kOr && (q.a == x || q.b == x)) return to(x);  // x & (x | z)
+    if (q.op == VectorOp::kAndNot && q.a == x) return to(0);            // x & (~x & z)
+    if (q.op == VectorOp::kAndNot && q.b == x) return to(y);            // x & (~z & x)
+    // ~x & y
+    if (p.op == VectorOp::kXor && (is(p.a, kOnes) || is(p.b, kOnes)))
+      return to(add({VectorOp::kAndNot, true, 0, is(p.a, kOnes) ? p.b : p.a, y, 0}));
+  }
+  return false;
+}
+
+bool ValueGraph::simplifyOr(const Node& n, NodeIndex& result) {
+  const auto is = [&](NodeIndex i, uint32_t bits) { return isConstant(i) && nodes_[i].imm == bits; };
+  const auto to = [&](NodeIndex i) {
+    result = i;
+    return true;
+  };
+  if (n.a == n.b || is(n.b, 0)) return to(n.a);
+  if (is(n.a, 0)) return to(n.b);
+  if (is(n.a, kOnes) || is(n.b, kOnes)) return to(constant(kOnes));
+  for (auto [x, y] : {std::pair(n.a, n.b), std::pair(n.b, n.a)}) {
+    const Node& q = nodes_[y];
+    if (q.op == VectorOp::kAnd && (q.a == x || q.b == x)) return to(x);  // x | (x & z)
+  }
+  return false;
+}
+
+bool ValueGraph::simplifySelect(const Node& n, NodeIndex& result) {
+  const auto is = [&](NodeIndex i, uint32_t bits) { return isConstant(i) && nodes_[i].imm == bits; };
+  const auto to = [&](NodeIndex i) {
+    result = i;
+    return true;
+  };
+  const auto choose = [&](NodeIndex m, NodeIndex yes, NodeIndex no) {
+    return to(add({VectorOp::kSelect, true, 0, m, yes, no}));
+  };
+  if (n.b == n.c) return to(n.b);
+  if (isConstant(n.a)) return to(nodes_[n.a].imm ? n.b : n.c);
+  const Node m = nodes_[n.a], yes = nodes_[n.b], no = nodes_[n.c];
+  if (m.op == VectorOp::kXor && (is(m.a, kOnes) || is(m.b, kOnes)))
+    return choose(is(m.a, kOnes) ? m.b : m.a, n.c, n.b);
+  // The same question once more.
+  if (yes.op == VectorOp::kSelect && yes.a == n.a) return choose(n.a, yes.b, n.c);
+  if (no.op == VectorOp::kSelect && no.a == n.a) return choose(n.a, n.b, no.c);
+  if (yes.op == VectorOp::kAnd && (yes.a == n.a || yes.b == n.a))
+    return choose(n.a, yes.a == n.a ? yes.b : yes.a, n.c);
+  if (no.op == VectorOp::kAndNot && no.a == n.a) return choose(n.a, n.b, no.b);
+  if (is(n.c, 0)) return to(add({VectorOp::kAnd, true, 0, n.a, n.b, 0}));
+  if (is(n.b, 0)) return to(add({VectorOp::kAndNot, true, 0, n.a, n.c, 0}));
+  return false;
+}
+
+/// All ones or 0 in every lane.
+bool ValueGraph::isMask(NodeIndex i) const {
+  // Deep ones are not worth the time.
+  const auto mask = [&](const auto& self, NodeIndex k, int depth) -> bool {
+    const Node& n = nodes_[k];
+    switch (n.op) {
+      case VectorOp::kMask:
+      case VectorOp::kCompare:
+      case VectorOp::kEqualInt:
+      case VectorOp::kGreaterInt:
+        return true;
+      case VectorOp::kConstant:
+        return n.imm == 0 || n.imm == kOnes;
+      case VectorOp::kAnd:
+      case VectorOp::kAndNot:
+      case VectorOp::kOr:
+      case VectorOp::kXor:
+        return depth < 6 && self(self, n.a, depth + 1) && self(self, n.b, depth + 1);
+      default:
+        return false;
+    }
+  };
+  return mask(mask, i, 0);
+}
+
+bool ValueGraph::isChoice(NodeIndex i, Choice& c) const {
+  const Node& n = nodes_[i];
+  if (n.op == VectorOp::kSelect && isConstant(n.b) && isConstant(n.c)) {
+    c = {n.a, nodes_[n.b].imm, nodes_[n.c].imm};
+    return true;
+  }
+  if (n.op == VectorOp::kAndNot && isConstant(n.b) && isMask(n.a)) {
+    c = {n.a, 0, nodes_[n.b].imm};
+    return true;
+  }
+  if (n.op == VectorOp::kAnd)
+    for (auto [x, y] : {std::pair(n.a, n.b), std::pair(n.b, n.a)})
+      if (isConstant(y) && isMask(x)) {
+        c = {x, nodes_[y].imm, 0};
+        return true;
+      }
+  return false;
+}
+
+/// Truth values are numbers in shaders: asking whether one is 0 is the condition itself.
+bool ValueGraph::simplifyComparison(const Node& n, NodeIndex& result) {
+  Choice c;
+  const bool first = isConstant(n.b) && isChoice(n.a, c);
+  if (!first && !(isConstant(n.a) && isChoice(n.b, c))) return false;
+  const auto with = [&](uint32_t bits) {
+    Node k = n;
+    (first ? k.a : k.b) = constant(bits);
+    return nodes_[add(k)].imm != 0;
+  };
+  const bool yes = with(c.yes), no = with(c.no);
+  result = yes && no ? constant(kOnes) : yes ? c.mask : no ? negated(c.mask) : 0;
+  return true;
 }
 
 /// What an operation on constants gives on every machine. False: it is left to the machine.

@@ -112,6 +112,18 @@ class ValueGraph {
   NodeIndex add(Node n);
   NodeIndex find(const Node& n);
   bool simplify(Node& n, NodeIndex& result);
+  bool simplifyAnd(const Node& n, NodeIndex& result);
+  bool simplifyOr(const Node& n, NodeIndex& result);
+  bool simplifySelect(const Node& n, NodeIndex& result);
+  bool simplifyComparison(const Node& n, NodeIndex& result);
+  bool isMask(NodeIndex i) const;
+  /// A choice between two constants.
+  struct Choice {
+    NodeIndex mask = 0;
+    uint32_t yes = 0, no = 0;
+  };
+  bool isChoice(NodeIndex i, Choice& c) const;
+  NodeIndex negated(NodeIndex mask) { return add({VectorOp::kXor, true, 0, mask, constant(~0u), 0}); }
   bool fold(const Node& n, uint32_t& bits) const;
 
   std::vector<Node> nodes_;

@@ -13,6 +13,49 @@ class Writer {
  public:
   explicit Writer(uint64_t seed) : random_(seed) {}
 
+  std::string litShader() {
+    lit_ = true;
+    return shader();
+  }
+
+  std::string light() {
+    out_ += fmt::format(
+        "light random_light(float bright = {:.2f}; color tint = color (1, .75, .5); point from = point ({}, "
+        "{}, -1);",
+        double(1 + pick(8)) / 4, pick(3) - 1, pick(3));
+    const bool nondiffuse = pick(2), spill = pick(2);
+    if (nondiffuse) out_ += fmt::format(" output uniform float __nondiffuse = {:.2f};", double(pick(6)) / 4);
+    if (spill) out_ += " output varying color __spill = color (.1, .2, .3);";
+    out_ += ") {\n";
+    open();
+    add("bright", 1, true);
+    for (const char* n : {"tint", "Ps", "from"}) add(n, 3, true);
+    if (pick(3) == 0) add("N", 3, true);
+    for (int i = pick(3); i > 0; --i) statement(pick(3));
+    const int kind = pick(5);
+    if (kind == 0) {
+      line("Cl = " + triple(2) + ";");
+    } else {
+      const std::string axis = pick(2) ? "vector (.2, .1, 1)" : fmt::format("vector ({})", triple(1));
+      const std::string angle = pick(2) ? "0.6" : number(1);
+      line(kind == 1   ? "illuminate (from) {"
+           : kind == 2 ? fmt::format("illuminate (from, {}, {}) {{", axis, angle)
+           : kind == 3 ? fmt::format("solar ({}, 0) {{", axis)
+                       : fmt::format("illuminate (point ({})) {{", triple(1)));
+      open();
+      add("L", 3, true);
+      for (int i = pick(3); i > 0; --i) statement(pick(3));
+      line(fmt::format("Cl = {} * bright;", triple(2)));
+      if (spill) line("__spill = " + triple(1) + ";");
+      if (pick(3) == 0) line("Ol = " + triple(1) + ";");
+      close();
+      line("}");
+    }
+    close();
+    out_ += "}\n";
+    return out_;
+  }
+
   std::string shader() {
     const int functions = pick(4);
     for (int i = 0; i < functions; ++i) function();
@@ -355,8 +398,44 @@ class Writer {
     line("}");
   }
 
+  void lightLoop(int depth) {
+    ++lightLoops_;
+    switch (pick(4)) {
+      case 0:
+        line(fmt::format("aov += diffuse(N) + specular(N, vector ({}), 0.2);", triple(1)));
+        break;
+      case 1:
+        line("aov += ambient();");
+        break;
+      default: {
+        const std::string place = pick(3) ? "P" : fmt::format("point ({})", triple(1));
+        const std::string axis = pick(2) ? "N" : fmt::format("vector ({})", triple(1));
+        line(pick(2)
+                 ? fmt::format("illuminance ({}) {{", place)
+                 : fmt::format("illuminance ({}, {}, {}) {{", place, axis, pick(2) ? "PI / 2" : number(1)));
+        open();
+        for (const char* n : {"Cl", "L", "Ol"}) add(n, 3, true);
+        if (pick(2)) {
+          const std::string m = fresh("m");
+          const bool triple = pick(2);
+          line(fmt::format("{0} {1} = 0; lightsource(\"{2}\", {1});", triple ? "color" : "float", m,
+                           triple ? "__spill" : "__nondiffuse"));
+          add(m, triple ? 3 : 1, false);
+        }
+        ++loops_;
+        block(depth);
+        --loops_;
+        line("aov += Cl;");
+        close();
+        line("}");
+      }
+    }
+    --lightLoops_;
+  }
+
   void statement(int depth) {
     if (out_.size() > 9000) return assignment();
+    if (lit_ && inShader_ && depth > 0 && lightLoops_ < 2 && pick(5) == 0) return lightLoop(depth);
     switch (depth <= 0 ? pick(6) : pick(12)) {
       case 0:
       case 1:
@@ -434,11 +513,14 @@ class Writer {
   std::vector<std::vector<Variable>> scopes_;
   std::vector<Function> functions_;
   int names_ = 0, loops_ = 0, loopDepth_ = 0, returns_ = 0, calls_ = 0;
-  bool inShader_ = false;
+  int lightLoops_ = 0;
+  bool inShader_ = false, lit_ = false;
 };
 
 }  // namespace
 
 std::string randomShader(uint64_t seed) { return Writer(seed).shader(); }
+std::string randomLitShader(uint64_t seed) { return Writer(seed).litShader(); }
+std::string randomLight(uint64_t seed) { return Writer(seed).light(); }
 
 }  // namespace fr

@@ -1,0 +1,541 @@
+#include "shading/run_recorder.h"
+
+#include <algorithm>
+
+namespace fr {
+
+namespace {
+constexpr NodeIndex kUnknown = ~0u;
+constexpr uint32_t kDeepest = 32;  // blocks within blocks
+/// More than this and it is better to see first whether any point wants it.
+constexpr uint32_t kMostNodesUniform = 60, kMostNodesVarying = 400, kMostNodesOfLights = 6000;
+
+uint32_t nodesOf(Op op) {
+  switch (opInfo(op).cost) {
+    case Cost::kHeavy:
+      return 700;
+    case Cost::kMath:
+      return 50;
+    default:
+      return 5;
+  }
+}
+bool isLightLoop(Op op) {
+  return op == Op::illuminance_begin || op == Op::illuminance_cone_begin || op == Op::ambient_begin;
+}
+bool isEmission(Op op) {
+  return op == Op::illuminate_begin || op == Op::illuminate_cone_begin || op == Op::solar_begin ||
+         op == Op::solar_cone_begin;
+}
+/// Operands of a light loop before the optional ones.
+uint32_t fixedOperands(Op op) {
+  return op == Op::illuminance_cone_begin ? 4 : op == Op::illuminance_begin ? 2 : 1;
+}
+bool sameKind(SlType a, SlType b) { return a == b || (isTriple(a) && isTriple(b)); }
+
+/// Operands of a kernel that are values already; the first one is the result.
+class ValueOperands final : public OperandRecorder {
+ public:
+  NodeIndex read(uint32_t operand, uint32_t component) override { return in[operand][component]; }
+  void write(uint32_t, uint32_t component, NodeIndex value) override { out[component] = value; }
+  NodeIndex in[6][3] = {}, out[3] = {};
+};
+}  // namespace
+
+RunRecorder::RunRecorder(const Executable& exe, std::span<const RunLight> lights)
+    : lights_(lights.begin(), lights.end()) {
+  const auto add = [&](const Executable& e) {
+    const uint32_t base = parts_.empty() ? 0 : parts_.back().base + parts_.back().exe->columnCount();
+    parts_.push_back({&e, base, std::vector<NodeIndex>(e.columnCount(), kUnknown), {}});
+  };
+  add(exe);
+  for (const RunLight& l : lights) add(*l.exe);
+  clear();
+}
+
+void RunRecorder::clear() {
+  for (Part& p : parts_) {
+    for (const uint32_t c : p.touched) p.values[c] = kUnknown;
+    p.touched.clear();
+  }
+  written_.clear();
+  blocks_.clear();
+  graph.clear();
+  ones_ = graph.constant(~0u);
+  part_ = 0;
+  failed_ = readsLights_ = false;
+  steps_ = varyingSteps_ = 0;
+  lightsAsked_.clear();
+  setMask(ones_);
+}
+
+bool RunRecorder::record(uint32_t begin, uint32_t end) {
+  recordRange(begin, end);
+  return !failed_;
+}
+
+// What may be part of a run.
+
+RunRecorder::Extent RunRecorder::instructionOf(uint32_t part, uint32_t i, uint32_t depth) const {
+  const Executable& exe = *parts_[part].exe;
+  const Step& s = exe.steps()[i];
+  if (!s.control) {
+    if (s.kernel && recordedKernels().op[size_t(s.op)]) return {i + 1, nodesOf(s.op)};
+    return {};
+  }
+  return depth < kDeepest ? blockOf(part, i, depth) : Extent{};
+}
+
+/// A break, continue or return that stays within what is recorded.
+bool RunRecorder::leavesWithin(uint32_t part, uint32_t i) const {
+  const ShaderProgram& p = parts_[part].exe->program();
+  const Instruction& in = p.code[i];
+  if (in.jump == kNoIndex || in.jump >= p.code.size()) return false;
+  const Op target = p.code[in.jump].op;
+  return in.op == Op::inline_return ? target == Op::inline_end : target == Op::illuminance_end;
+}
+
+/// Points would leave blocks that are not recorded.
+bool RunRecorder::jumpsOut(uint32_t begin, uint32_t end) const {
+  const ShaderProgram& p = parts_[0].exe->program();
+  for (uint32_t i = begin + 1; i < end; ++i) {
+    const Op op = p.code[i].op;
+    const bool jump = op == Op::break_loop || op == Op::continue_loop || op == Op::inline_return;
+    if (jump && p.code[i].jump > end) return true;
+  }
+  return false;
+}
+
+RunRecorder::Extent RunRecorder::blockOf(uint32_t part, uint32_t begin, uint32_t depth) const {
+  const Executable& exe = *parts_[part].exe;
+  const ShaderProgram& p = exe.program();
+  const Step& s = exe.steps()[begin];
+  if (depth > 0 && (s.op == Op::break_loop || s.op == Op::continue_loop || s.op == Op::inline_return))
+    return leavesWithin(part, begin) ? Extent{begin + 1, 2} : Extent{};
+  if (isLightLoop(s.op)) return part == 0 ? lightsOf(begin, depth) : Extent{};
+  if (s.op != Op::if_begin && s.op != Op::inline_begin && !(part > 0 && isEmission(s.op))) return {};
+  if (s.jump == kNoIndex) return {};
+  const bool hasElse = p.code[s.jump].op == Op::if_else;
+  const uint32_t end = hasElse ? exe.steps()[s.jump].jump : s.jump;
+  uint32_t nodes = 10;
+  for (uint32_t i = begin + 1; i < end;) {
+    if (hasElse && i == s.jump) {
+      ++i;
+      continue;
+    }
+    // Messages are answered at compile time, where they are about a light of the loop.
+    const bool message = part == 0 && p.code[i].op == Op::msg_lightsource;
+    const Extent e = message ? Extent{i + 1, 5} : instructionOf(part, i, depth + 1);
+    if (e.end == 0) return {};
+    i = e.end, nodes += e.nodes;
+  }
+  if (depth == 0 && jumpsOut(begin, end)) return {};
+  if (s.op == Op::if_begin) {
+    const uint32_t condition = p.operands(p.code[begin])[0] & kArgIndex;
+    if (nodes > (exe.varying(condition) ? kMostNodesVarying : kMostNodesUniform)) return {};
+  }
+  return {end + 1, nodes};
+}
+
+/// Loops over plain lights without options. The number of nodes is that of all turns.
+RunRecorder::Extent RunRecorder::lightsOf(uint32_t begin, uint32_t depth) const {
+  const Executable& exe = *parts_[0].exe;
+  const ShaderProgram& p = exe.program();
+  const Step& s = exe.steps()[begin];
+  if (s.argCount != fixedOperands(s.op)) return {};
+  const bool ambient = s.op == Op::ambient_begin;
+  if (!ambient) {
+    const Symbol& category = p.symbol(p.operands(p.code[begin])[0]);
+    if (category.storage != Storage::kConstant || !p.strings[category.data].empty()) return {};
+  }
+  uint32_t body = 20;
+  for (uint32_t i = begin + 1; i < s.jump;) {
+    const Extent e = p.code[i].op == Op::msg_lightsource ? Extent{i + 1, 5} : instructionOf(0, i, depth + 1);
+    if (e.end == 0) return {};
+    i = e.end, body += e.nodes;
+  }
+  if (depth == 0 && jumpsOut(begin, s.jump)) return {};
+  uint32_t nodes = 0;
+  for (uint32_t k = 0; k < lights_.size(); ++k) {
+    const Executable& light = *lights_[k].exe;
+    if (light.has(kProgramAmbientLight) != ambient) continue;
+    if (!lights_[k].plain) return {};
+    nodes += body;
+    for (uint32_t i = light.program().bodyBegin; i < light.program().code.size();) {
+      const Extent e = instructionOf(k + 1, i, depth + 1);
+      if (e.end == 0) return {};
+      i = e.end, nodes += e.nodes;
+    }
+    if (nodes > kMostNodesOfLights) return {};
+  }
+  return {s.jump + 1, nodes};
+}
+
+// Values.
+
+NodeIndex& RunRecorder::current(uint32_t part, uint32_t symbol, uint32_t component) {
+  Part& p = parts_[part];
+  const uint32_t column = p.exe->firstColumn(symbol) + component;
+  NodeIndex& value = p.values[column];
+  if (value != kUnknown) return value;
+  p.touched.push_back(column);
+  const Symbol& s = p.exe->program().symbols[symbol];
+  if (s.storage == Storage::kConstant)
+    return value = graph.constant(p.exe->program().floats[s.data + component]);
+  // A light's P is its origin.
+  const bool origin = part > 0 && s.storage == Storage::kGlobal;
+  readsLights_ = readsLights_ || part > 0;
+  return value = graph.load(p.base + column, origin || !p.exe->varying(symbol));
+}
+
+NodeIndex RunRecorder::readColumn(uint32_t part, uint32_t symbol, uint32_t component) {
+  const NodeIndex seen = asActivePointsSeeIt(current(part, symbol, component));
+  // A uniform variable that some points have assigned to and others read: only a machine that asks whether
+  // anybody was there knows its value.
+  const bool origin = part > 0 && parts_[part].exe->program().symbols[symbol].storage == Storage::kGlobal;
+  if (!origin && !parts_[part].exe->varying(symbol) && !graph.nodes()[seen].uniform) failed_ = true;
+  return seen;
+}
+
+void RunRecorder::writeColumn(uint32_t symbol, uint32_t component, NodeIndex value, bool masked) {
+  Part& p = parts_[part_];
+  const uint32_t column = p.exe->firstColumn(symbol) + component;
+  if (masked && mask_ != ones_) value = graph.select(mask_, value, current(part_, symbol, component));
+  if (p.values[column] == kUnknown) p.touched.push_back(column);
+  p.values[column] = value;
+  if (part_ == 0) written_.push_back({symbol, column, masked});
+}
+
+NodeIndex RunRecorder::read(uint32_t operand, uint32_t component) {
+  return readColumn(part_, symbol(operand), component);
+}
+void RunRecorder::write(uint32_t operand, uint32_t component, NodeIndex value) {
+  writeColumn(symbol(operand), component, value, step_->masked);
+}
+
+RunRecorder::Triple RunRecorder::readTriple(const Step& s, uint32_t operand) {
+  step_ = &s;
+  Triple t;
+  for (uint32_t c = 0; c < 3; ++c) t.c[c] = read(operand, c);
+  return t;
+}
+RunRecorder::Triple RunRecorder::readGlobal(uint32_t part, GlobalId id) {
+  Triple t;
+  const uint32_t s = parts_[part].exe->global(id);
+  for (uint32_t c = 0; c < 3 && s != kNoIndex; ++c) t.c[c] = readColumn(part, s, c);
+  return t;
+}
+void RunRecorder::writeGlobal(GlobalId id, const Triple& t) {
+  const uint32_t s = parts_[part_].exe->global(id);
+  for (uint32_t c = 0; c < 3 && s != kNoIndex; ++c) writeColumn(s, c, t.c[c], true);
+}
+/// What a light begins with.
+void RunRecorder::setGlobal(uint32_t light, GlobalId id, const Triple& t) {
+  Part& p = parts_[light + 1];
+  const uint32_t s = p.exe->global(id);
+  for (uint32_t c = 0; c < 3 && s != kNoIndex; ++c) {
+    const uint32_t column = p.exe->firstColumn(s) + c;
+    if (p.values[column] == kUnknown) p.touched.push_back(column);
+    p.values[column] = t.c[c];
+  }
+}
+RunRecorder::Triple RunRecorder::chosen(NodeIndex mask, const Triple& a, const Triple& b) {
+  Triple t;
+  for (uint32_t c = 0; c < 3; ++c) t.c[c] = graph.select(mask, a.c[c], b.c[c]);
+  return t;
+}
+
+RunRecorder::Triple RunRecorder::call(recorded::Kernel kernel, std::initializer_list<Triple> in) {
+  ValueOperands v;
+  recorded::Operand operands[6];
+  uint32_t k = 0;
+  for (uint32_t o = 0; o < 6; ++o) operands[o] = {&v, o};
+  for (const Triple& t : in) std::copy_n(t.c, 3, v.in[++k]);
+  recorded::KernelCall c;
+  c.arg = operands, c.argCount = k + 1;
+  kernel(c);
+  return {{v.out[0], v.out[1], v.out[2]}};
+}
+NodeIndex RunRecorder::cone(NodeIndex mask, const Triple& direction, const Triple& axis, NodeIndex angle) {
+  return call(recordedKernels().helper[size_t(Helper::maskCone)],
+              {Triple{{mask}}, direction, axis, Triple{{angle}}})
+      .c[0];
+}
+
+// Masks.
+
+void RunRecorder::setMask(NodeIndex mask) {
+  mask_ = mask;
+  holds_.clear(), fails_.clear();
+  std::vector<NodeIndex> todo{mask};
+  while (!todo.empty() && holds_.size() < 64) {
+    const NodeIndex m = todo.back();
+    todo.pop_back();
+    if (m == ones_) continue;
+    holds_.push_back(m);
+    const Node& n = graph.nodes()[m];
+    if (n.op == VectorOp::kAnd) todo.push_back(n.a), todo.push_back(n.b);
+    if (n.op == VectorOp::kAndNot) fails_.push_back(n.a), todo.push_back(n.b);
+    if (n.op == VectorOp::kXor && (n.a == ones_ || n.b == ones_)) fails_.push_back(n.a == ones_ ? n.b : n.a);
+  }
+}
+
+/// A value that is the same for the active points, and needs fewer choices.
+NodeIndex RunRecorder::asActivePointsSeeIt(NodeIndex value) {
+  const auto in = [](const std::vector<NodeIndex>& list, NodeIndex m) {
+    return std::find(list.begin(), list.end(), m) != list.end();
+  };
+  if (holds_.empty()) return value;
+  for (;;) {
+    const Node& n = graph.nodes()[value];
+    NodeIndex next = value;
+    if (n.op == VectorOp::kSelect)
+      next = in(holds_, n.a) ? n.b : in(fails_, n.a) ? n.c : value;
+    else if (n.op == VectorOp::kAnd)
+      next = in(holds_, n.a) ? n.b : in(holds_, n.b) ? n.a : in(fails_, n.a) || in(fails_, n.b) ? 0 : value;
+    else if (n.op == VectorOp::kAndNot)
+      next = in(fails_, n.a) ? n.b : in(holds_, n.a) ? 0 : value;
+    if (next == value) return value;
+    value = next;
+  }
+}
+
+/// The active points leave every block from `outermost` on (Machine::leave).
+void RunRecorder::leave(size_t outermost) {
+  for (size_t i = outermost; i < blocks_.size(); ++i) {
+    blocks_[i].saved = without(blocks_[i].saved, mask_);
+    if (blocks_[i].kind == Block::Kind::kLights) blocks_[i].other = without(blocks_[i].other, mask_);
+  }
+  setMask(0);
+}
+
+void RunRecorder::leaveLoop(const Step& s) {
+  step_ = &s;
+  const NodeIndex count = read(0, 0);
+  if (!graph.isConstant(count)) {
+    failed_ = true;
+    return;
+  }
+  auto n =
+      std::max(1u, uint32_t(std::clamp(__builtin_bit_cast(float, graph.nodes()[count].imm), 1.0f, 64.0f)));
+  size_t target = blocks_.size();
+  while (target > 0 && !(blocks_[target - 1].kind == Block::Kind::kLights && --n == 0)) --target;
+  if (target == 0) {
+    failed_ = true;
+    return;
+  }
+  if (s.op == Op::break_loop) blocks_[target - 1].other = without(blocks_[target - 1].other, mask_);
+  leave(target);
+}
+
+// Instructions.
+
+void RunRecorder::recordRange(uint32_t begin, uint32_t end) {
+  for (uint32_t i = begin; i < end && !failed_;) {
+    const Step& s = step(i);
+    if (nobody()) return;
+    if (!s.control) {
+      if (s.op == Op::msg_lightsource)
+        recordMessage(s);
+      else
+        recordStep(s);
+      ++i;
+    } else if (s.op == Op::if_begin) {
+      i = recordIf(i);
+    } else if (s.op == Op::inline_begin) {
+      i = recordInline(i);
+    } else if (isLightLoop(s.op)) {
+      i = recordLights(i);
+    } else if (isEmission(s.op)) {
+      i = recordEmission(i);
+    } else if (s.op == Op::break_loop || s.op == Op::continue_loop) {
+      leaveLoop(s);
+      ++i;
+    } else if (s.op == Op::inline_return) {
+      size_t target = blocks_.size();
+      while (target > 0 && blocks_[target - 1].kind != Block::Kind::kInline) --target;
+      if (target == 0) failed_ = true;
+      leave(target);
+      ++i;
+    } else {
+      failed_ = true;
+    }
+  }
+}
+
+void RunRecorder::recordStep(const Step& s) {
+  step_ = &s;
+  operands_.resize(s.argCount);
+  for (uint32_t k = 0; k < s.argCount; ++k) operands_[k] = {this, k};
+  recorded::KernelCall call;
+  call.arg = operands_.data(), call.argCount = s.argCount;
+  recordedKernels().op[size_t(s.op)](call);
+  ++steps_, varyingSteps_ += s.varying;
+}
+
+uint32_t RunRecorder::recordIf(uint32_t i) {
+  const Step& s = step(i);
+  const bool hasElse = step(s.jump).op == Op::if_else;
+  const uint32_t end = hasElse ? step(s.jump).jump : s.jump;
+  step_ = &s;
+  const NodeIndex condition = read(0, 0), zero = graph.constant(0.0f), outer = mask_;
+  const auto where = [&](Compare c) {
+    return both(outer, graph.binary(VectorOp::kCompare, condition, zero, uint32_t(c)));
+  };
+  blocks_.push_back({Block::Kind::kIf, outer, 0});
+  setMask(where(Compare::kNotEqual));
+  recordRange(i + 1, hasElse ? s.jump : end);
+  if (hasElse) {
+    setMask(where(Compare::kEqual));
+    recordRange(s.jump + 1, end);
+  }
+  setMask(blocks_.back().saved);
+  blocks_.pop_back();
+  return end + 1;
+}
+
+uint32_t RunRecorder::recordInline(uint32_t i) {
+  const uint32_t end = step(i).jump;
+  // Whoever returns is active again behind the body.
+  const NodeIndex outer = mask_;
+  blocks_.push_back({Block::Kind::kInline, outer, 0});
+  recordRange(i + 1, end);
+  setMask(blocks_.back().saved);
+  blocks_.pop_back();
+  return end + 1;
+}
+
+/// A turn for every light of the loop's kind (Machine::lightTurn).
+uint32_t RunRecorder::recordLights(uint32_t i) {
+  const Step& s = step(i);
+  const bool ambient = s.op == Op::ambient_begin;
+  blocks_.push_back({Block::Kind::kLights, mask_, mask_});
+  for (uint32_t k = 0; k < lights_.size() && !failed_; ++k) {
+    if (lights_[k].exe->has(kProgramAmbientLight) != ambient) continue;
+    setMask(blocks_.back().other);
+    if (nobody()) break;
+    blocks_.back().light = k;
+    Emission e;
+    e.Ps = readTriple(s, ambient ? 0 : 1);
+    e.N = readGlobal(0, GlobalId::k_N);
+    const NodeIndex alive = mask_;
+    const std::array<NodeIndex, 7> question = {k,        e.Ps.c[0], e.Ps.c[1], e.Ps.c[2],
+                                               e.N.c[0], e.N.c[1],  e.N.c[2]};
+    if (std::find(lightsAsked_.begin(), lightsAsked_.end(), question) == lightsAsked_.end())
+      lightsAsked_.push_back(question);
+    emission_ = &e;
+    recordLight(k, alive);
+    emission_ = nullptr;
+    NodeIndex mask = ambient ? alive : both(alive, e.lit);
+    setMask(mask);
+    const auto seen = [&](Triple t) {
+      for (NodeIndex& c : t.c) c = asActivePointsSeeIt(c);
+      return t;
+    };
+    const recorded::Kernel negate = recordedKernels().op[size_t(Op::neg_t)];
+    if (s.op == Op::illuminance_cone_begin) {
+      const Triple toLight = call(negate, {seen(e.L)}), axis = readTriple(s, 2);
+      mask = cone(mask, toLight, axis, read(3, 0));
+      setMask(mask);
+    }
+    if (nobody()) continue;
+    if (!ambient) writeGlobal(GlobalId::k_L, call(negate, {seen(e.L)}));
+    const Triple ones{{graph.constant(1.0f), graph.constant(1.0f), graph.constant(1.0f)}};
+    const bool opacity = lights_[k].exe->global(GlobalId::k_Ol) != kNoIndex;
+    writeGlobal(GlobalId::k_Cl, readGlobal(k + 1, GlobalId::k_Cl));
+    writeGlobal(GlobalId::k_Ol, opacity ? readGlobal(k + 1, GlobalId::k_Ol) : ones);
+    recordRange(i + 1, s.jump);
+  }
+  setMask(blocks_.back().saved);
+  blocks_.pop_back();
+  return s.jump + 1;
+}
+
+/// The light's shader, for the points of `alive`.
+void RunRecorder::recordLight(uint32_t light, NodeIndex alive) {
+  Part& p = parts_[light + 1];
+  const Executable& exe = *p.exe;
+  // Variables begin anew; parameters are as they were.
+  for (const uint32_t c : p.touched) p.values[c] = kUnknown;
+  p.touched.clear();
+  const bool readsNormal = exe.global(GlobalId::k_N) != kNoIndex || exe.global(GlobalId::k_Ns) != kNoIndex;
+  if (readsNormal && parts_[0].exe->global(GlobalId::k_N) == kNoIndex) {
+    failed_ = true;
+    return;
+  }
+  const NodeIndex one = graph.constant(1.0f);
+  setGlobal(light, GlobalId::k_Ps, emission_->Ps);
+  setGlobal(light, GlobalId::k_N, emission_->N);
+  setGlobal(light, GlobalId::k_Ns, emission_->N);
+  setGlobal(light, GlobalId::k_L, {});
+  setGlobal(light, GlobalId::k_Cl, {});
+  setGlobal(light, GlobalId::k_Ol, {{one, one, one}});
+  std::vector<Block> outer;
+  outer.swap(blocks_);
+  part_ = light + 1;
+  setMask(alive);
+  recordRange(exe.program().bodyBegin, uint32_t(exe.program().code.size()));
+  part_ = 0;
+  blocks_.swap(outer);
+}
+
+/// illuminate and solar (Machine::emit).
+uint32_t RunRecorder::recordEmission(uint32_t i) {
+  const Step& s = step(i);
+  blocks_.push_back({Block::Kind::kEmission, mask_, 0});
+  Triple direction;
+  NodeIndex mask = mask_;
+  const auto& kernel = recordedKernels();
+  switch (s.op) {
+    case Op::solar_begin:
+      direction = call(kernel.op[size_t(Op::neg_t)], {emission_->N});
+      break;
+    case Op::solar_cone_begin:
+      direction = call(kernel.op[size_t(Op::normalize)], {readTriple(s, 0)});
+      break;
+    default:
+      direction = call(kernel.helper[size_t(Helper::subTriple)], {emission_->Ps, readTriple(s, 0)});
+      if (s.op == Op::illuminate_cone_begin) {
+        const Triple axis = readTriple(s, 1);
+        mask = cone(mask, direction, axis, read(2, 0));
+      }
+  }
+  setMask(mask);
+  writeGlobal(GlobalId::k_L, direction);
+  emission_->lit = graph.binary(VectorOp::kOr, emission_->lit, mask);
+  emission_->L = chosen(mask, direction, emission_->L);
+  recordRange(i + 1, s.jump);
+  setMask(blocks_.back().saved);
+  blocks_.pop_back();
+  return s.jump + 1;
+}
+
+/// lightsource("name", value): what the light of the innermost loop has, if it has it.
+void RunRecorder::recordMessage(const Step& s) {
+  step_ = &s;
+  const auto loop = std::find_if(blocks_.rbegin(), blocks_.rend(),
+                                 [](const Block& b) { return b.kind == Block::Kind::kLights; });
+  const ShaderProgram& p = parts_[0].exe->program();
+  const Symbol& name = p.symbols[symbol(1)];
+  const uint32_t to = symbol(2);
+  const Symbol& out = p.symbols[to];
+  if (loop == blocks_.rend() || name.storage != Storage::kConstant || out.type == SlType::kString) {
+    failed_ = true;
+    return;
+  }
+  const uint32_t part = loop->light + 1;
+  const ShaderProgram& light = parts_[part].exe->program();
+  const uint32_t parameter = light.findParameter(p.strings[name.data]);
+  bool found = false;
+  if (parameter != kNoIndex) {
+    const uint32_t from = light.parameters[parameter].symbol;
+    const Symbol& in = light.symbols[from];
+    found = sameKind(out.type, in.type) && out.arrayLength == in.arrayLength &&
+            !(parts_[part].exe->varying(from) && !parts_[0].exe->varying(to));
+    for (uint32_t c = 0; found && c < out.floats(); ++c) writeColumn(to, c, readColumn(part, from, c), true);
+  }
+  writeColumn(symbol(0), 0, graph.constant(found ? 1.0f : 0.0f), true);
+  ++steps_;
+}
+
+}  // namespace fr
