@@ -9,6 +9,7 @@ namespace fr {
   void addArithmeticKernels(KernelTable&); \
   void addGeometryKernels(KernelTable&);   \
   void addNoiseKernels(KernelTable&);      \
+  void addDifferenceKernel(KernelTable&);  \
   }
 FR_DECLARE(sse4)
 FR_DECLARE(avx2)
@@ -22,6 +23,7 @@ const KernelTable& kernelsOf(int isa) {
     name::addArithmeticKernels(t);      \
     name::addGeometryKernels(t);        \
     name::addNoiseKernels(t);           \
+    name::addDifferenceKernel(t);       \
     return t;                           \
   }();                                  \
   return table

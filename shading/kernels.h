@@ -63,6 +63,18 @@ enum class Helper : uint32_t {
 
 enum class ColorSpace : uint32_t { kRgb, kHsv, kHsl, kXyz, kXyY, kYiq };
 
+/// Differences between neighbours: out[i] = (x[hi[i]] - x[lo[i]]) * scale[i] * cell[i], for columns of
+/// `lanes` floats. A neighbour that is not active is replaced by the point itself; what is left of a central
+/// difference is then twice as steep.
+struct Difference {
+  const float* x = nullptr;
+  const uint16_t *lo = nullptr, *hi = nullptr;
+  const float *scale = nullptr, *cell = nullptr;  // cell may be nullptr: 1
+  const int32_t* mask = nullptr;
+  uint32_t lanes = 0;
+  float* out = nullptr;  // another column than x
+};
+
 struct KernelTable {
   Kernel op[size_t(Op::kCount)] = {};  // nullptr: the machine does it
   Kernel helper[size_t(Helper::kCount)] = {};
@@ -70,6 +82,7 @@ struct KernelTable {
   /// results change where `where` is set. nullptr where no such code is made.
   void (*rare[size_t(RareCase::kCount)])(const float* in, float* results, const int32_t* where) = {};
   uint32_t lanes = 0;  // of one vector
+  void (*difference)(const Difference& d) = nullptr;
   /// True when any lane of the mask is set.
   bool (*anyActive)(const int32_t* mask, uint32_t lanes) = nullptr;
   uint32_t (*countActive)(const int32_t* mask, uint32_t lanes) = nullptr;

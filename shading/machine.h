@@ -208,10 +208,14 @@ class Machine {
   void message(Frame& f, const Step& s);
   void transformOp(Frame& f, const Step& s);
   bool space(const Frame& f, std::string_view name, uint32_t object, DMat4& toCurrent) const;
-  void derivativeOp(Frame& f, const Step& s);
   void randomOp(Frame& f, const Step& s);
   void splineOp(Frame& f, const Step& s);
   void arrayOp(Frame& f, const Step& s);
+  // machine_derivative.cpp
+  void derivativeOp(Frame& f, const Step& s);
+  void filterStep(Frame& f, const Step& s);
+  void difference(const Frame& f, const Operand& x, uint32_t component, bool alongV, bool perCell,
+                  float* out) const;
   // machine_shadeop.cpp
   void shadeopCall(Frame& f, const Step& s);
   void callByPoint(Frame& f, const Step& s, bool varying);
@@ -221,7 +225,6 @@ class Machine {
   // machine_texture.cpp
   void textureOp(Frame& f, const Step& s);
   void textureOptions(Frame& f, const Step& s, uint32_t fixed, FrTextureCall& call);
-  void cellChanges(const Frame& f, const Operand& x, uint32_t component, float* du, float* dv) const;
   void cornersToPlace(const Frame& f, const Operand* corner, bool triples, uint32_t lanes);
   void storeResult(const Frame& f, const Operand& out, uint32_t component, const float* values);
   void shadowMaps(Frame& f, const Step& s, const TextureLibrary& library, const Texture& list,

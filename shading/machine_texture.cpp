@@ -89,29 +89,6 @@ FrTextureFilter filterOf(std::string_view name) {
 
 }  // namespace
 
-/// The change of a column over one cell, in u and in v. Neighbours that are not active have no value here.
-void Machine::cellChanges(const Frame& f, const Operand& x, uint32_t component, float* du, float* dv) const {
-  const uint32_t n = f.lanes();
-  const DerivativeStencil* const d = batch_.stencil;
-  if (!d || !x.varying()) {
-    std::fill_n(du, n, 0.0f), std::fill_n(dv, n, 0.0f);
-    return;
-  }
-  const float* const values = x.comp(component);
-  const auto change = [&](uint32_t i, uint32_t lo, uint32_t hi, float scale) {
-    if (f.mask[lo] && f.mask[hi]) return (values[hi] - values[lo]) * scale;
-    const float width = lo != i && hi != i ? 2.0f : 1.0f;
-    if (!f.mask[lo]) lo = i;
-    if (!f.mask[hi]) hi = i;
-    return (values[hi] - values[lo]) * scale * width;
-  };
-  for (uint32_t i = 0; i < n; ++i) {
-    if (!f.mask[i]) continue;
-    du[i] = change(i, d->uLo[i], d->uHi[i], d->uScale[i] * d->uCell[i]);
-    dv[i] = change(i, d->vLo[i], d->vHi[i], d->vScale[i] * d->vCell[i]);
-  }
-}
-
 /// Four corners become a middle and two sides. Their order may be that of a patch (0,0 1,0 0,1 1,1) or go
 /// around: whichever makes the better parallelogram. `corner`: four triples, or eight floats.
 void Machine::cornersToPlace(const Frame& f, const Operand* corner, bool triples, uint32_t lanes) {
@@ -189,7 +166,10 @@ void Machine::textureOp(Frame& f, const Step& s) {
   for (uint32_t c = 0; c < shape.components; ++c) {
     const Operand& place = a[shape.triples ? shape.place : shape.place + c];
     const uint32_t component = shape.triples ? c : 0;
-    if (!shape.corners) cellChanges(f, place, component, column(kDx + c), column(kDy + c));
+    if (!shape.corners) {
+      difference(f, place, component, false, true, column(kDx + c));
+      difference(f, place, component, true, true, column(kDy + c));
+    }
     call.place[c] = shape.corners ? FrLanes{column(kMiddle + c), ~0u} : lanesOf(place, component);
     call.placeDx[c] = {column(kDx + c), ~0u};
     call.placeDy[c] = {column(kDy + c), ~0u};

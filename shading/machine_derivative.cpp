@@ -1,0 +1,147 @@
+// Derivatives: differences between neighbours of the batch, and what is made of them.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "shading/machine.h"
+
+namespace fr {
+
+namespace {
+enum class StepFilter { kBox, kTriangle, kGaussian, kCatmullRom };
+StepFilter stepFilterOf(std::string_view name) {
+  if (name == "triangle") return StepFilter::kTriangle;
+  if (name == "gaussian") return StepFilter::kGaussian;
+  if (name == "catmull-rom") return StepFilter::kCatmullRom;
+  return StepFilter::kBox;
+}
+/// The filter's integral up to x, in units of its width: 0 to 1. Supports are 1, 2, 2 and 4 wide.
+float stepIntegral(StepFilter filter, float x) {
+  const float a = std::fabs(x);
+  float half = 0;  // from 0 to a
+  switch (filter) {
+    case StepFilter::kBox:
+      return std::clamp(x + 0.5f, 0.0f, 1.0f);
+    case StepFilter::kTriangle:
+      half = a < 1 ? a - 0.5f * a * a : 0.5f;
+      break;
+    case StepFilter::kGaussian:  // exp(-2 x^2) within 1 of the middle, as RiGaussianFilter
+      half = a < 1 ? 0.5f * std::erf(1.41421356f * a) / 0.954499736f : 0.5f;
+      break;
+    case StepFilter::kCatmullRom:
+      if (a < 1)
+        half = a * (1 + a * a * (0.375f * a - 0.833333333f));
+      else if (a < 2)
+        half = a * (2 + a * (-2 + a * (0.833333333f - 0.125f * a))) - 0.166666667f;
+      else
+        half = 0.5f;
+      break;
+  }
+  return x < 0 ? 0.5f - half : 0.5f + half;
+}
+}  // namespace
+
+/// The change of one component of x from neighbour to neighbour along u (or v): per unit of u, or with
+/// `perCell` from one cell to the next. Neighbours that are not active have no defined value: the difference
+/// is then one-sided, or 0.
+void Machine::difference(const Frame& f, const Operand& x, uint32_t component, bool alongV, bool perCell,
+                         float* out) const {
+  const DerivativeStencil* const d = batch_.stencil;
+  if (!d || !x.varying()) {
+    std::fill_n(out, f.lanes(), 0.0f);
+    return;
+  }
+  Difference q;
+  q.x = x.comp(component);
+  q.lo = (alongV ? d->vLo : d->uLo).data(), q.hi = (alongV ? d->vHi : d->uHi).data();
+  q.scale = (alongV ? d->vScale : d->uScale).data();
+  q.cell = perCell ? (alongV ? d->vCell : d->uCell).data() : nullptr;
+  q.mask = f.mask, q.lanes = f.lanes(), q.out = out;
+  kernels().difference(q);
+}
+
+void Machine::derivativeOp(Frame& f, const Step& s) {
+  const Operand* a = f.args(s);
+  const uint32_t n = f.lanes();
+  const DerivativeStencil* const d = batch_.stencil;
+  // The result may be an operand's own register, and neighbours are still to be read: results are collected
+  // aside.
+  const Operand& result = a[0];
+  scratch_.reserve(size_t(n) * 12);
+  const auto column = [&](uint32_t c) { return scratch_.data() + size_t(c) * n; };
+  const auto kernel = [&](Op op, std::initializer_list<Operand> args) {
+    KernelCall c;
+    c.arg = args.begin(), c.argCount = uint32_t(args.size()), c.lanes = n, c.mask = f.mask;
+    kernels().op[size_t(op)](c);
+  };
+  const uint32_t components = slTypeFloats(f.exe().program().symbols[symbolOf(f, s, 0)].type);
+  const Operand first{column(0), n, ~0u}, second{column(3), n, ~0u}, third{column(6), n, ~0u};
+  const float* from = first.data;
+  switch (s.op) {
+    case Op::du_f:
+    case Op::du_t:
+    case Op::dv_f:
+    case Op::dv_t:
+      for (uint32_t c = 0; c < components; ++c)
+        difference(f, a[1], c, s.op == Op::dv_f || s.op == Op::dv_t, false, first.comp(c));
+      break;
+    case Op::deriv_f:
+    case Op::deriv_t:
+      for (const bool alongV : {false, true}) {
+        const Operand& sum = alongV ? second : first;
+        difference(f, a[2], 0, alongV, false, third.data);
+        for (uint32_t c = 0; c < components; ++c) {
+          const Operand part{sum.comp(c), n, ~0u};
+          difference(f, a[1], c, alongV, false, part.data);
+          kernel(Op::div_f, {part, part, third});
+        }
+      }
+      for (uint32_t c = 0; c < components; ++c) {
+        const Operand x{first.comp(c), n, ~0u}, y{second.comp(c), n, ~0u};
+        kernel(Op::add_f, {x, x, y});
+      }
+      break;
+    case Op::area:
+    case Op::calculatenormal:
+      for (uint32_t c = 0; c < 3; ++c) {
+        difference(f, a[1], c, false, false, first.comp(c));
+        difference(f, a[1], c, true, false, second.comp(c));
+      }
+      kernel(Op::cross, {third, first, second});
+      from = third.data;
+      if (s.op == Op::area) {
+        kernel(Op::length, {first, third});
+        from = first.data;
+        for (uint32_t i = 0; i < n; ++i) first.data[i] *= d ? std::fabs(d->uCell[i] * d->vCell[i]) : 0.0f;
+      } else {
+        for (uint32_t i = 0; i < 3 * n; ++i) third.data[i] *= batch_.orientation;
+      }
+      break;
+    default:
+      return filterStep(f, s);
+  }
+  for (uint32_t c = 0; c < components; ++c)
+    std::memcpy(result.comp(c), from + size_t(c) * n, (result.varying() ? n : kLanePad) * sizeof(float));
+}
+
+void Machine::filterStep(Frame& f, const Step& s) {
+  const Operand* a = f.args(s);
+  const bool two = s.op == Op::filterstep_2;
+  const uint32_t n = f.lanes(), fixed = two ? 4 : 3;
+  const Operand* const width = option(f, s, fixed, "width");
+  const StepFilter filter = stepFilterOf(optionString(f, s, fixed, "filter"));
+  const uint32_t lanes = a[0].varying() ? n : kLanePad;
+  scratch_.reserve(size_t(n) * 12);
+  float *const du = scratch_.data(), *const dv = du + n, *const out = dv + n;
+  if (!two) difference(f, a[2], 0, false, true, du), difference(f, a[2], 0, true, true, dv);
+  for (uint32_t i = 0; i < lanes; ++i) {
+    float w = two ? std::fabs(a[3].at(i) - a[2].at(i)) : std::fabs(du[i]) + std::fabs(dv[i]);
+    const float x = two ? 0.5f * (a[3].at(i) + a[2].at(i)) : a[2].at(i);
+    if (width && width->data) w *= width->at(i);
+    const float edge = a[1].at(i);
+    out[i] = w > 1e-12f ? stepIntegral(filter, (x - edge) / w) : x < edge ? 0.0f : 1.0f;
+  }
+  std::memcpy(a[0].data, out, lanes * sizeof(float));
+}
+
+}  // namespace fr
