@@ -30,25 +30,28 @@ FR_INLINE V gather(const float* x, VI index) {
   return r;
 #endif
 }
-FR_INLINE VI gather(const int32_t* x, VI index) {
-  return bits(gather(reinterpret_cast<const float*>(x), index));
+/// Neighbours mostly follow one another, and a plain load is much cheaper than a gather.
+FR_INLINE V fetch(const float* x, VI index, VI lane) {
+  const VI first = index[0] + lane;
+  return anyLane(index != first) ? gather(x, index) : loadLoose(x + index[0]);
 }
 
 void difference(const Difference& d) {
+  VI lane;
+  for (uint32_t k = 0; k < kLanes; ++k) lane[k] = int32_t(k);
   for (uint32_t i = 0; i < d.lanes; i += kLanes) {
     VI lo = loadIndices(d.lo + i), hi = loadIndices(d.hi + i);
-    const VI loActive = gather(d.mask, lo), hiActive = gather(d.mask, hi);
     V scale = loadLoose(d.scale + i);
     if (d.cell) scale *= loadLoose(d.cell + i);
-    if (anyLane(~(loActive & hiActive))) {
-      VI self;
-      for (uint32_t k = 0; k < kLanes; ++k) self[k] = int32_t(i + k);
-      const VI central = (lo != self) & (hi != self);
-      scale = select(~(loActive & hiActive) & central, scale * 2.0f, scale);
+    if (d.mask) {
+      const auto* const mask = reinterpret_cast<const float*>(d.mask);
+      const VI loActive = bits(gather(mask, lo)), hiActive = bits(gather(mask, hi));
+      const VI self = int32_t(i) + lane, one = ~(loActive & hiActive);
+      scale = select(one & (lo != self) & (hi != self), scale * 2.0f, scale);
       lo = loActive ? lo : self;
       hi = hiActive ? hi : self;
     }
-    *reinterpret_cast<V*>(d.out + i) = (gather(d.x, hi) - gather(d.x, lo)) * scale;
+    *reinterpret_cast<V*>(d.out + i) = (fetch(d.x, hi, lane) - fetch(d.x, lo, lane)) * scale;
   }
 }
 }  // namespace

@@ -70,7 +70,7 @@ struct Difference {
   const float* x = nullptr;
   const uint16_t *lo = nullptr, *hi = nullptr;
   const float *scale = nullptr, *cell = nullptr;  // cell may be nullptr: 1
-  const int32_t* mask = nullptr;
+  const int32_t* mask = nullptr;                  // nullptr: all neighbours are active
   uint32_t lanes = 0;
   float* out = nullptr;  // another column than x
 };

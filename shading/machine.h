@@ -22,6 +22,7 @@ struct Texture;
 struct DerivativeStencil {
   std::vector<uint16_t> uLo, uHi, vLo, vHi;
   std::vector<float> uScale, vScale, uCell, vCell;
+  uint32_t used = 0;  // lanes [0, used) are somebody's neighbours; the others are only their own
   void resize(size_t lanes);
 };
 

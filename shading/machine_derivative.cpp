@@ -56,7 +56,9 @@ void Machine::difference(const Frame& f, const Operand& x, uint32_t component, b
   q.lo = (alongV ? d->vLo : d->uLo).data(), q.hi = (alongV ? d->vHi : d->uHi).data();
   q.scale = (alongV ? d->vScale : d->uScale).data();
   q.cell = perCell ? (alongV ? d->vCell : d->uCell).data() : nullptr;
-  q.mask = f.mask, q.lanes = f.lanes(), q.out = out;
+  const bool whole = kernels().countActive(f.mask, f.lanes()) >= d->used;
+  q.mask = whole ? nullptr : f.mask;
+  q.lanes = f.lanes(), q.out = out;
   kernels().difference(q);
 }
 

@@ -8,6 +8,7 @@ void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes,
                  const float* u, const float* v) {
   s.resize(lanes);
   const uint32_t row = nu + 1;
+  s.used = row * (nv + 1);
   for (uint32_t i = 0; i < lanes; ++i) s.uLo[i] = s.uHi[i] = s.vLo[i] = s.vHi[i] = uint16_t(i);
   // Neighbours in [0, n] of x, `stride` lanes apart, and one over their distance in the parameter. Where
   // vertices of a border stand on one another the next ones are taken.
@@ -38,6 +39,7 @@ void gridStencil(DerivativeStencil& s, uint32_t nu, uint32_t nv, uint32_t lanes,
 void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles, const uint8_t* indices,
                     uint32_t lanes) {
   s.resize(lanes);
+  s.used = vertices;
   for (uint32_t i = 0; i < lanes; ++i) {
     s.uLo[i] = s.uHi[i] = s.vLo[i] = s.vHi[i] = uint16_t(i);
     s.uCell[i] = s.vCell[i] = 1;
@@ -54,6 +56,7 @@ void meshletStencil(DerivativeStencil& s, uint32_t vertices, uint32_t triangles,
 
 void tripleStencil(DerivativeStencil& s, uint32_t period, const float* du, const float* dv) {
   s.resize(3 * period);
+  s.used = 3 * period;
   for (uint32_t i = 0; i < 3 * period; ++i) {
     const uint32_t p = i % period;
     s.uLo[i] = s.vLo[i] = uint16_t(p);
