@@ -13,6 +13,7 @@ struct Tags {
   std::vector<uint32_t> creaseVertices, cornerVertices, holes;
   std::vector<float> creaseSharpness, cornerSharpness;
   uint32_t interpolateBoundary = 0, faceVaryingInterpolateBoundary = 0;
+  bool faceVaryingPropagateCorners = false, chaikinCreases = false, smoothTriangles = false;
 };
 
 /// OpenSubdiv's infinitely sharp.
@@ -22,7 +23,8 @@ float sharpness(float s) { return std::isnan(s) ? 0.0f : std::clamp(s, 0.0f, kSh
 
 Tags readTags(Adding& a, const ri::SubdivisionMesh& m, uint32_t vertices, uint32_t faces) {
   Tags t;
-  size_t intAt = 0, floatAt = 0;
+  size_t intAt = 0, floatAt = 0, stringAt = 0;
+  std::vector<std::string> ignored;
   const size_t perTag = m.hierarchical ? 3 : 2;
   for (size_t k = 0; k < m.tags.size(); ++k) {
     const auto count = [&](size_t i, size_t left) {
@@ -31,12 +33,22 @@ Tags readTags(Adding& a, const ri::SubdivisionMesh& m, uint32_t vertices, uint32
     };
     const std::span<const int> ints(m.intArgs.data() + intAt, count(0, m.intArgs.size() - intAt));
     const std::span<const float> floats(m.floatArgs.data() + floatAt, count(1, m.floatArgs.size() - floatAt));
-    intAt += ints.size(), floatAt += floats.size();
+    const std::span<const std::string> strings(m.stringArgs.data() + stringAt,
+                                               m.hierarchical ? count(2, m.stringArgs.size() - stringAt) : 0);
+    intAt += ints.size(), floatAt += floats.size(), stringAt += strings.size();
     const std::string& tag = m.tags[k];
     const auto ok = [&](int i, uint32_t limit) {
       if (i >= 0 && uint32_t(i) < limit) return true;
       a.warn(RiError::kRange, fmt::format("tag \"{}\": index {} of {}; it is ignored", tag, i, limit));
       return false;
+    };
+    // The tag's integer, from 0 to `most`; without one, `absent`.
+    const auto choice = [&](int most, uint32_t absent) {
+      if (ints.empty()) return absent;
+      if (ints[0] < 0 || ints[0] > most) {
+        a.warn(RiError::kRange, fmt::format("tag \"{}\" is {}, not 0 to {}", tag, ints[0], most));
+      }
+      return uint32_t(std::clamp(ints[0], 0, most));
     };
     if (tag == "crease") {
       for (size_t i = 0; i + 1 < ints.size(); ++i) {
@@ -56,11 +68,33 @@ Tags readTags(Adding& a, const ri::SubdivisionMesh& m, uint32_t vertices, uint32
         if (ok(i, faces)) t.holes.push_back(uint32_t(i));
       }
     } else if (tag == "interpolateboundary") {
-      t.interpolateBoundary = ints.empty() ? 1 : uint32_t(std::clamp(ints[0], 0, 2));
+      t.interpolateBoundary = choice(2, 1);
     } else if (tag == "facevaryinginterpolateboundary") {
-      t.faceVaryingInterpolateBoundary = ints.empty() ? 0 : uint32_t(std::clamp(ints[0], 0, 3));
-    } else {
-      a.warn(RiError::kUnimplemented, fmt::format("subdivision tag \"{}\" is ignored", tag));
+      t.faceVaryingInterpolateBoundary = choice(3, 1);
+    } else if (tag == "facevaryingpropagatecorners") {
+      t.faceVaryingPropagateCorners = choice(1, 1) != 0;
+    } else if (tag == "smoothtriangles") {
+      t.smoothTriangles = choice(2, 1) != 0;
+    } else if (tag == "creasemethod") {
+      // A string, where tags have strings; numbers are Hbr's.
+      const std::string method = !strings.empty()                  ? strings[0]
+                                 : !ints.empty() && (ints[0] == 1) ? "chaikin"
+                                                                   : "normal";
+      t.chaikinCreases = method == "chaikin";
+      if (method != "chaikin" && method != "normal") {
+        a.warn(
+            RiError::kBadToken,
+            fmt::format("tag \"creasemethod\" is \"normal\" or \"chaikin\", not \"{}\"; \"normal\" is used",
+                        method));
+      }
+    } else if (std::find(ignored.begin(), ignored.end(), tag) == ignored.end()) {
+      // Files hold hundreds of edits: one message a mesh and kind.
+      ignored.push_back(tag);
+      const bool edit = tag == "vertexedit" || tag == "edgeedit" || tag == "faceedit";
+      a.warn(
+          RiError::kUnimplemented,
+          edit ? fmt::format("hierarchical edits (\"{}\") are not made; the mesh is drawn without them", tag)
+               : fmt::format("subdivision tag \"{}\" is ignored", tag));
     }
   }
   return t;
@@ -114,10 +148,14 @@ Result<void> addSubdivision(Adding& a) {
   const Tags tags = readTags(a, m, vertexCount, uint32_t(sizes.size()));
   s.interpolateBoundary = tags.interpolateBoundary;
   s.faceVaryingInterpolateBoundary = tags.faceVaryingInterpolateBoundary;
+  s.faceVaryingPropagateCorners = tags.faceVaryingPropagateCorners ? 1 : 0;
+  s.chaikinCreases = tags.chaikinCreases ? 1 : 0;
+  s.smoothTriangles = tags.smoothTriangles ? 1 : 0;
 
   SubdivisionMeshData data;
   data.scheme = s.scheme;
   data.interpolateBoundary = s.interpolateBoundary;
+  data.chaikinCreases = tags.chaikinCreases, data.smoothTriangles = tags.smoothTriangles;
   data.vertexCount = vertexCount;
   data.pieces = s.pieces;
   data.faceSizes = sizes, data.faceVertices = vertices;

@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 4;
+inline constexpr uint32_t kFormatVersion = 5;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -61,7 +61,8 @@ struct StringRecord {
   uint32_t pad;
 };
 
-enum class ParamClass : uint8_t { kConstant, kUniform, kVarying, kVertex, kFaceVarying };
+/// kFaceVertex has as many values as kFaceVarying, and is smooth on subdivision meshes whatever their tags say.
+enum class ParamClass : uint8_t { kConstant, kUniform, kVarying, kVertex, kFaceVarying, kFaceVertex };
 enum class ParamType : uint8_t {
   kFloat,
   kInteger,

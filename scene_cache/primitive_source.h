@@ -82,8 +82,12 @@ struct SubdivisionSource {
   SourcePositions positions;
   SubdivisionScheme scheme;
   uint32_t interpolateBoundary;             // 0 none, 1 edges and corners, 2 edges only
-  uint32_t faceVaryingInterpolateBoundary;  // Sdc::Options::FVarLinearInterpolation's order
+  uint32_t faceVaryingInterpolateBoundary;  // 0 linear, 1 edges and corners, 2 edges only, 3 always sharp
+  uint32_t faceVaryingPropagateCorners;     // 0 or 1
+  uint32_t chaikinCreases;                  // 0 or 1
+  uint32_t smoothTriangles;                 // 0 or 1
   uint32_t pieces;                          // 1: every quad face is cut in four, as other faces are
+  uint32_t pad;
   Range faceSizes;                          // uint32
   Range faceVertices;                       // uint32
   Range creaseVertices;                     // uint32, two an edge

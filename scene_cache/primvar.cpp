@@ -29,6 +29,15 @@ uint32_t componentsOf(ParamType t) {
   }
 }
 
+}  // namespace
+
+uint32_t floatsPerValue(const ParamRecord& param) {
+  const uint64_t width = uint64_t(componentsOf(param.type)) * std::max(1u, param.arrayLength);
+  return width > kMaxFloatsPerValue ? 0 : uint32_t(width);
+}
+
+namespace {
+
 /// A variable as rows of `width` floats.
 struct Values {
   std::span<const float> data;
@@ -232,18 +241,22 @@ void objectSpaceXy(const Skeleton& s, NodeId root, size_t n, const uint32_t* cel
 }
 
 bool evaluatePrimvarOf(const Skeleton& s, SubdivisionStore& subdivisions, NodeId root,
-                       const ParamRecord& param, size_t n, const uint32_t* cell, const float* u,
+                       const ParamRecord& given, size_t n, const uint32_t* cell, const float* u,
                        const float* v, float* const* out) {
   Values values;
-  values.data = s.floats(param);
-  const uint64_t width = uint64_t(componentsOf(param.type)) * std::max(1u, param.arrayLength);
-  if (width == 0 || width > 4096 || values.data.size() < width) return false;
-  values.width = uint32_t(width);
-  if (param.storage == ParamClass::kConstant || values.count() == 1)
+  values.data = s.floats(given);
+  const uint32_t width = floatsPerValue(given);
+  if (width == 0 || values.data.size() < width) return false;
+  values.width = width;
+  if (given.storage == ParamClass::kConstant || values.count() == 1)
     return fill(values.row(0), values.width, n, out), true;
 
   const RootPatchRecord& patch = s.rootPatches()[root];
   const ObjectRecord& object = s.objects()[patch.object];
+  // Only subdivision tells the two apart.
+  ParamRecord param = given;
+  if (param.storage == ParamClass::kFaceVertex && object.type != PrimitiveType::kSubdivision)
+    param.storage = ParamClass::kFaceVarying;
   if (object.type == PrimitiveType::kMeshlets) {
     const MeshletView m = meshletView(s, object, patch.face);
     if (!m.valid || m.triangles.empty()) return false;

@@ -10,6 +10,10 @@ namespace fr::cache {
 /// True for objects whose patches are faces of polygons.
 bool isPolygon(const ObjectRecord& object);
 
+inline constexpr uint32_t kMaxFloatsPerValue = 4096;
+/// Floats of one value, arrays included; 0 for strings, integers and absurd lengths.
+uint32_t floatsPerValue(const ParamRecord& param);
+
 /// See SceneCache::evaluatePrimvar; `root` is a root patch. Thread-safe.
 bool evaluatePrimvarOf(const Skeleton& skeleton, SubdivisionStore& subdivisions, NodeId root,
                        const ParamRecord& param, size_t n, const uint32_t* cell, const float* u,

@@ -15,8 +15,8 @@ ParamClass classOf(ri::StorageClass c) {
       return ParamClass::kVarying;
     case ri::StorageClass::kVertex:
       return ParamClass::kVertex;
-    // Same number of values; the smooth interpolation inside a face is not told apart.
     case ri::StorageClass::kFaceVertex:
+      return ParamClass::kFaceVertex;
     case ri::StorageClass::kFaceVarying:
       return ParamClass::kFaceVarying;
   }

@@ -12,6 +12,8 @@
 #include <shared_mutex>
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/face_varying.h"
+#include "scene_cache/primvar.h"
 
 namespace fr::cache {
 
@@ -28,6 +30,30 @@ using Points = FaceSurface::PointDescriptor;
 
 std::atomic<uint64_t> nextId{1};
 
+/// PRMan's two tags in OpenSubdiv's terms (OpenSubdiv, "Compatibility with OpenSubdiv 2.x": the numbers of
+/// the tag are those of the RIB, not Hbr's).
+osd::Sdc::Options::FVarLinearInterpolation faceVaryingRule(const SubdivisionMeshData& m) {
+  using Options = osd::Sdc::Options;
+  switch (m.faceVaryingInterpolateBoundary) {
+    case 1:
+      return m.faceVaryingPropagateCorners ? Options::FVAR_LINEAR_CORNERS_PLUS2
+                                           : Options::FVAR_LINEAR_CORNERS_PLUS1;
+    case 2:
+      return Options::FVAR_LINEAR_NONE;
+    case 3:
+      return Options::FVAR_LINEAR_BOUNDARIES;
+    default:
+      return Options::FVAR_LINEAR_ALL;
+  }
+}
+
+/// A face-varying variable that the topology interpolates smoothly: its channel is its place in the list.
+struct SmoothVariable {
+  StringId name{};
+  uint32_t width = 0;
+  std::vector<uint32_t> cornerOfValue;
+};
+
 }  // namespace
 
 struct SubdivisionTopology::Impl {
@@ -37,6 +63,7 @@ struct SubdivisionTopology::Impl {
   uint32_t pieces = 0;
   std::vector<uint32_t> firstCorner;  // of each face
   std::span<const uint32_t> sizes, vertices;
+  std::vector<SmoothVariable> smooth;
 
   uint32_t sizeOf(uint32_t face) const { return firstCorner[face + 1] - firstCorner[face]; }
 };
@@ -44,7 +71,7 @@ struct SubdivisionTopology::Impl {
 SubdivisionTopology::SubdivisionTopology() : impl(std::make_unique<Impl>()) {}
 SubdivisionTopology::~SubdivisionTopology() = default;
 
-std::shared_ptr<const SubdivisionTopology> SubdivisionTopology::create(const SubdivisionMeshData& m) {
+std::shared_ptr<SubdivisionTopology> SubdivisionTopology::create(const SubdivisionMeshData& m) {
   std::shared_ptr<SubdivisionTopology> t(new SubdivisionTopology);
   Impl& d = *t->impl;
   d.scheme = m.scheme;
@@ -73,6 +100,18 @@ std::shared_ptr<const SubdivisionTopology> SubdivisionTopology::create(const Sub
                                       : m.interpolateBoundary == 1
                                           ? osd::Sdc::Options::VTX_BOUNDARY_EDGE_AND_CORNER
                                           : osd::Sdc::Options::VTX_BOUNDARY_EDGE_ONLY);
+  options.SetFVarLinearInterpolation(faceVaryingRule(m));
+  options.SetCreasingMethod(m.chaikinCreases ? osd::Sdc::Options::CREASE_CHAIKIN
+                                             : osd::Sdc::Options::CREASE_UNIFORM);
+  options.SetTriangleSubdivision(m.smoothTriangles ? osd::Sdc::Options::TRI_SUB_SMOOTH
+                                                   : osd::Sdc::Options::TRI_SUB_CATMARK);
+  std::vector<osd::Far::TopologyDescriptor::FVarChannel> channels(m.channels.size());
+  for (size_t i = 0; i < channels.size(); ++i) {
+    channels[i].numValues = int(m.channels[i].values);
+    channels[i].valueIndices = ints(m.channels[i].valueOfCorner);
+  }
+  desc.numFVarChannels = int(channels.size());
+  desc.fvarChannels = channels.data();
   const osd::Sdc::SchemeType type = m.scheme == SubdivisionScheme::kLoop       ? osd::Sdc::SCHEME_LOOP
                                     : m.scheme == SubdivisionScheme::kBilinear ? osd::Sdc::SCHEME_BILINEAR
                                                                                : osd::Sdc::SCHEME_CATMARK;
@@ -193,12 +232,33 @@ struct SubdivisionStore::Impl {
   std::map<std::pair<ObjectId, float>, std::unique_ptr<SubdivisionSurface>> surfaces;
 
   std::shared_ptr<const SubdivisionTopology> topology(ObjectId object, const SubdivisionSource& s);
+  std::vector<SmoothVariable> smoothVariables(ObjectId object, SubdivisionMeshData* mesh,
+                                              std::vector<std::vector<uint32_t>>* valueOfCorner) const;
 };
 
 SubdivisionStore::SubdivisionStore(const Skeleton& skeleton) : impl_(std::make_unique<Impl>()) {
   impl_->skeleton = skeleton;
 }
 SubdivisionStore::~SubdivisionStore() = default;
+
+/// The object's face-varying variables that its rules make smooth; sets the mesh's rule and channels.
+std::vector<SmoothVariable> SubdivisionStore::Impl::smoothVariables(
+    ObjectId object, SubdivisionMeshData* mesh, std::vector<std::vector<uint32_t>>* valueOfCorner) const {
+  std::vector<SmoothVariable> found;
+  const bool all = mesh->faceVaryingInterpolateBoundary != 0;
+  // "facevertex" without the tag: corners are as sharp as those of the surface.
+  if (!all) mesh->faceVaryingInterpolateBoundary = mesh->interpolateBoundary == 2 ? 2 : 1;
+  for (const ParamRecord& p : skeleton.params(skeleton.objects()[object].primvars)) {
+    if (p.storage != ParamClass::kFaceVertex && !(all && p.storage == ParamClass::kFaceVarying)) continue;
+    const uint32_t width = floatsPerValue(p);
+    const auto values = skeleton.floats(p);
+    if (width == 0 || values.size() / width < mesh->faceVertices.size()) continue;
+    WeldedFaceVarying welded = weldFaceVarying(values, width, mesh->faceVertices);
+    found.push_back({p.name, width, std::move(welded.cornerOfValue)});
+    valueOfCorner->push_back(std::move(welded.valueOfCorner));
+  }
+  return found;
+}
 
 std::shared_ptr<const SubdivisionTopology> SubdivisionStore::Impl::topology(ObjectId object,
                                                                             const SubdivisionSource& s) {
@@ -209,6 +269,9 @@ std::shared_ptr<const SubdivisionTopology> SubdivisionStore::Impl::topology(Obje
   m.interpolateBoundary = s.interpolateBoundary;
   m.vertexCount = uint32_t(std::min<uint64_t>(s.positions.perKey, 0x7fffffff));
   m.pieces = s.pieces;
+  m.faceVaryingInterpolateBoundary = s.faceVaryingInterpolateBoundary;
+  m.faceVaryingPropagateCorners = s.faceVaryingPropagateCorners != 0;
+  m.chaikinCreases = s.chaikinCreases != 0, m.smoothTriangles = s.smoothTriangles != 0;
   m.faceSizes = sourceArray<uint32_t>(skeleton, s.faceSizes);
   m.faceVertices = sourceArray<uint32_t>(skeleton, s.faceVertices);
   m.creaseVertices = sourceArray<uint32_t>(skeleton, s.creaseVertices);
@@ -230,7 +293,15 @@ std::shared_ptr<const SubdivisionTopology> SubdivisionStore::Impl::topology(Obje
       m.cornerVertices.size() != m.cornerSharpness.size() || !inRange(m.cornerVertices, m.vertexCount) ||
       !inRange(m.holes, m.faceSizes.size()))
     return nullptr;
-  t = SubdivisionTopology::create(m);
+  std::vector<std::vector<uint32_t>> valueOfCorner;
+  std::vector<SmoothVariable> smooth = smoothVariables(object, &m, &valueOfCorner);
+  std::vector<FaceVaryingChannel> channels;
+  for (size_t i = 0; i < smooth.size(); ++i)
+    channels.push_back({uint32_t(smooth[i].cornerOfValue.size()), valueOfCorner[i]});
+  m.channels = channels;
+  auto made = SubdivisionTopology::create(m);
+  if (made) made->impl->smooth = std::move(smooth);
+  t = std::move(made);
   return t;
 }
 
@@ -272,6 +343,22 @@ const SubdivisionSurface* SubdivisionStore::surface(ObjectId object, float time)
   return slot.get();
 }
 
+namespace {
+
+/// A limit surface of `width` floats at n points of a root patch, from its patch points.
+void evaluatePoints(const SubdivisionTopology::Impl& t, const SubdivisionPatch& place, const FaceSurface& f,
+                    const std::vector<float>& points, uint32_t width, size_t n, const float* u,
+                    const float* v, float* const* out) {
+  std::vector<float> result(width);
+  for (size_t i = 0; i < n; ++i) {
+    const FacePlace at = facePlace(t, place, f.GetParameterization(), u[i], v[i]);
+    f.Evaluate(at.uv, points.data(), Points(int(width)), result.data());
+    for (uint32_t c = 0; c < width; ++c) out[c][i] = result[c];
+  }
+}
+
+}  // namespace
+
 bool SubdivisionStore::evaluate(ObjectId object, uint32_t patch, const ParamRecord& param,
                                 std::span<const float> values, uint32_t width, size_t n, const float* u,
                                 const float* v, float* const* out) {
@@ -291,20 +378,33 @@ bool SubdivisionStore::evaluate(ObjectId object, uint32_t patch, const ParamReco
     // The surface's own limit, on these values instead of positions.
     FaceSurface f;
     if (!t.factory->InitVertexSurface(int(place.face), &f)) return false;
-    std::vector<float> points(size_t(f.GetNumPatchPoints()) * width), result(width);
+    std::vector<float> points(size_t(f.GetNumPatchPoints()) * width);
     f.PreparePatchPoints(values.data(), Points(int(width)), points.data(), Points(int(width)));
-    for (size_t i = 0; i < n; ++i) {
-      const FacePlace at = facePlace(t, place, f.GetParameterization(), u[i], v[i]);
-      f.Evaluate(at.uv, points.data(), Points(int(width)), result.data());
-      for (uint32_t c = 0; c < width; ++c) out[c][i] = result[c];
-    }
+    evaluatePoints(t, place, f, points, width, n, u, v, out);
     return true;
   }
-  // Varying and facevarying: linear over the face.
+  for (size_t channel = 0; channel < t.smooth.size(); ++channel) {
+    const SmoothVariable& smooth = t.smooth[channel];
+    if (smooth.name != param.name || smooth.width != width || count < t.vertices.size()) continue;
+    FaceSurface f;
+    if (!t.factory->InitFaceVaryingSurface(int(place.face), &f, osd::Bfr::SurfaceFactory::FVarID(channel)))
+      return false;
+    // OpenSubdiv reads only the face's neighbourhood: gathering that beats copying all values for each patch.
+    std::vector<int> near(size_t(f.GetNumControlPoints()));
+    f.GetControlPointIndices(near.data());
+    std::vector<float> points(size_t(f.GetNumPatchPoints()) * width);
+    for (size_t i = 0; i < near.size(); ++i)
+      std::copy_n(row(smooth.cornerOfValue[size_t(near[i])]), width, points.data() + i * width);
+    f.ComputePatchPoints(points.data(), Points(int(width)));
+    evaluatePoints(t, place, f, points, width, n, u, v, out);
+    return true;
+  }
+  // Varying, and facevarying where no tag makes it smooth: linear over the face.
   const uint32_t size = t.sizeOf(place.face), first = t.firstCorner[place.face];
   const auto corner = [&](uint32_t k) {
     const uint64_t at = first + k % size;
-    return row(param.storage == ParamClass::kFaceVarying ? at : t.vertices[at]);
+    return row(param.storage == ParamClass::kVarying || param.storage == ParamClass::kVertex ? t.vertices[at]
+                                                                                             : at);
   };
   std::vector<float> quad(size_t(width) * 4);
   for (uint32_t c = 0; c < width; ++c) {

@@ -12,22 +12,31 @@
 
 namespace fr::cache {
 
+/// A face-varying variable's values: how many different ones, and which one each corner of the mesh has.
+struct FaceVaryingChannel {
+  uint32_t values = 0;
+  std::span<const uint32_t> valueOfCorner;
+};
+
 /// Control mesh as plain arrays, checked by whoever fills it (indices in range, counts consistent).
 struct SubdivisionMeshData {
   SubdivisionScheme scheme = SubdivisionScheme::kCatmullClark;
-  uint32_t interpolateBoundary = 0;
+  uint32_t interpolateBoundary = 0;             // as in SubdivisionSource
+  uint32_t faceVaryingInterpolateBoundary = 0;  // of all channels
+  bool faceVaryingPropagateCorners = false, chaikinCreases = false, smoothTriangles = false;
   uint32_t vertexCount = 0;
   uint32_t pieces = 0;  // as SubdivisionSource::pieces
   std::span<const uint32_t> faceSizes, faceVertices;
   std::span<const uint32_t> creaseVertices, cornerVertices, holes;
   std::span<const float> creaseSharpness, cornerSharpness;
+  std::span<const FaceVaryingChannel> channels;
 };
 
 /// A control mesh's topology, ready to make limit patches of single faces. Thread-safe.
 class SubdivisionTopology {
  public:
   /// nullptr when OpenSubdiv refuses the mesh.
-  static std::shared_ptr<const SubdivisionTopology> create(const SubdivisionMeshData& mesh);
+  static std::shared_ptr<SubdivisionTopology> create(const SubdivisionMeshData& mesh);
   ~SubdivisionTopology();
   /// False for holes and for boundary faces of meshes without "interpolateboundary".
   bool hasLimit(uint32_t face) const;
