@@ -271,8 +271,10 @@ Result<void> addCurves(Adding& a) {
         for (uint32_t k = 1; k + 1 < n; ++k)
           bend = std::max(bend, rated.rate.segment(b[k], b[k] + (b[k - 1] - 2.0f * b[k] + b[k + 1])));
         // A cubic's chord is off by at most 6 / 8 of the second difference of its control points, over n^2.
+        const float flatness = rated.rate.flatness;
+        const float tolerance = flatness > 0 ? std::min(flatness, kCurveTolerance) : kCurveTolerance;
         const float longest = std::clamp(kCellArea / std::max(across, 1e-6f), 1.0f, kLongestCell);
-        steps = std::max({steps, std::sqrt(0.75f * bend / kCurveTolerance), length / longest});
+        steps = std::max({steps, std::sqrt(0.75f * bend / tolerance), length / longest});
       }
     }
     finite = finite && isFinite(p.bound.min) && isFinite(p.bound.max);

@@ -135,6 +135,31 @@ Rows rowsOf(DiceScene& s) {
   return r;
 }
 
+// Every second row away, chords err four times as much, and the row between them lies on the curve: a quarter
+// of that is the distance of the ribbon's own chords.
+TEST(Curves, FlatnessBoundsTheDistanceOfChords) {
+  const auto deviation = [](double flatness) {
+    DiceScene s(
+        diceWorld("Format 240 240 1\nProjection \"orthographic\"\nScreenWindow -1.2 1.2 -1.2 1.2\n"
+                  "Translate 0 0 5\n",
+                  (flatness > 0 ? fmt::format("GeometricApproximation \"flatness\" {}\n", flatness) : "") +
+                      "Curves \"cubic\" [4] \"nonperiodic\" \"P\" [1 0 0 1 0.5 0 0.5 1 0 0 1 0] "
+                      "\"constantwidth\" 0.004\n"));
+    const Rows r = rowsOf(s);
+    const auto middle = [&](size_t k) { return 0.5 * (DVec3(r.rows[k].first) + DVec3(r.rows[k].second)); };
+    double pixels = 0;
+    for (size_t i = 1; i + 1 < r.rows.size(); ++i)
+      pixels = std::max(pixels, 100 * glm::length(middle(i) - 0.5 * (middle(i - 1) + middle(i + 1))) / 4);
+    return pixels;
+  };
+  EXPECT_GT(deviation(0), 0.04);
+  // Floats of cache space leave 1e-5 pixels.
+  for (const double flatness : {0.04, 0.01}) {
+    EXPECT_LE(deviation(flatness), flatness + 1e-4);
+    EXPECT_GE(deviation(flatness), flatness / 4);
+  }
+}
+
 TEST(Curves, RibbonsHaveTheirWidthAndFollowTheCurve) {
   for (const double width : {0.001, 0.02, 0.7}) {
     DiceScene s(diceWorld(diceCamera(4),

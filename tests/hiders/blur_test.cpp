@@ -23,6 +23,9 @@ struct Scene {
 std::ostream& operator<<(std::ostream& out, const Scene& s) { return out << s.name; }
 
 const std::string kTorus = "Rotate 50 1 1 0 Torus 0.7 0.3 0 360 360\n";
+const std::string kDrilledBall =
+    "SolidBegin \"difference\"\nSolidBegin \"primitive\" Sphere 1 -1 1 360 SolidEnd\n"
+    "SolidBegin \"primitive\" Cylinder 0.4 -2 2 360 Disk 2 0.4 360 Disk -2 0.4 360 SolidEnd\nSolidEnd\n";
 const std::string kLens = "DepthOfField 2 0.5 5\n";
 const std::vector<Scene> kScenes = {
     {"MovingSphere", kPerspective + "Translate 0 0 5\n",
@@ -58,6 +61,35 @@ const std::vector<Scene> kScenes = {
      "Sides 1 Opacity [0.5 0.5 0.5]\n"
      "MotionBegin [0 1] Translate -0.6 0 -1 Translate 0.6 0.4 1 MotionEnd " +
          kTorus},
+    {"MovingSolid", kPerspective + "Translate 0 0 5\n",
+     "MotionBegin [0 1] Translate -0.5 0 0 Translate 0.5 0.3 0 MotionEnd Rotate 40 1 1 0\n" + kDrilledBall},
+    {"SolidWithAMovingPart", kPerspective + "Translate 0 0 5\n",
+     "Rotate 30 1 1 0\nSolidBegin \"difference\"\nSolidBegin \"primitive\" Sphere 1 -1 1 360 SolidEnd\n"
+     "SolidBegin \"primitive\" MotionBegin [0 1] Translate -0.9 0 -0.9 Translate 0.9 0.2 -0.9 MotionEnd "
+     "Sphere 0.6 -0.6 0.6 360 SolidEnd\nSolidEnd\n"},
+    {"DefocusedSolid", kLens + kPerspective + "Translate 0 0 5\n",
+     "AttributeBegin Translate -0.7 0 -1.5 Scale .5 .5 .5 Rotate 40 1 1 0\n" + kDrilledBall +
+         "AttributeEnd Translate 0.8 0 2 Rotate -40 1 1 0\n" + kDrilledBall},
+    {"MovingTransparentSolidBothBlurred", kLens + kPerspective + "Translate 0 0 5\n",
+     "Opacity [0.6 0.6 0.6]\nMotionBegin [0 1] Translate -0.5 0 -1 Translate 0.5 0.3 1 MotionEnd Rotate 40 1 "
+     "1 0\n" +
+         kDrilledBall},
+    {"SolidSeenByAMovingCamera",
+     kPerspective + "MotionBegin [0 1] Translate -0.3 0 5 Translate 0.3 0.2 4.2 MotionEnd\n",
+     "Rotate 40 1 1 0\n" + kDrilledBall},
+    {"InstancesOfSolids", kLens + kPerspective + "Translate 0 0 5\n",
+     "ObjectBegin 1\n" + kDrilledBall +
+         "ObjectEnd\n"
+         "AttributeBegin MotionBegin [0 1] Translate -1 0 0 Translate -0.5 0.2 0 MotionEnd Scale .6 .6 .6 "
+         "Rotate 30 1 1 0 "
+         "ObjectInstance 1 AttributeEnd\n"
+         "AttributeBegin Translate 0.8 0.4 1 Scale .6 .7 .6 Rotate -30 1 1 0 ObjectInstance 1 "
+         "AttributeEnd\n"},
+    {"DefocusedInstances", kLens + kPerspective + "Translate 0 0 5\n",
+     "ObjectBegin 1\n" + kTorus +
+         "ObjectEnd\nAttributeBegin Translate -0.8 0 -1 Scale .5 .5 .5 ObjectInstance 1 "
+         "AttributeEnd\nAttributeBegin Translate 0.7 0 0.5 Scale .7 .6 .7 ObjectInstance 1 AttributeEnd\n"
+         "Translate 0 0.5 3 ObjectInstance 1\n"},
 };
 
 class Blur : public testing::TestWithParam<Scene> {};
