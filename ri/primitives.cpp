@@ -270,6 +270,23 @@ Result<void> checkScalars(const Primitive& p) {
       p);
 }
 
+/// `"float[2] st" [8 numbers]`: without a class it is uniform (RISpec 3.2, section 3), which exporters that
+/// write their types but no classes do not mean. A variable of the standard whose values fit its standard
+/// class has it.
+void takeStandardClass(Param& p, const ValueCounts& counts) {
+  if (p.declaration.storage != StorageClass::kUniform) return;
+  const uint64_t width = p.declaration.width(), actual = p.elementCount();
+  if (actual == product(counts.uniform, width)) return;
+  static const Dictionary& standard = *new Dictionary;
+  const std::optional<Declaration> d = standard.find(p.name, "");
+  if (!d || d->type != p.declaration.type || d->width() != width) return;
+  for (const StorageClass c : {d->storage, StorageClass::kFaceVarying}) {
+    if (actual != product(counts.of(c), width)) continue;
+    p.declaration.storage = c;
+    return;
+  }
+}
+
 }  // namespace
 
 uint64_t ValueCounts::of(StorageClass c) const {
@@ -368,6 +385,7 @@ Result<PrimitiveCheck> checkPrimitive(Primitive& p, BasisSteps steps) {
 
   std::vector<Param>& list = params.params();
   for (size_t i = 0; i < list.size();) {
+    takeStandardClass(list[i], *counts);
     const Param& v = list[i];
     const uint64_t width = v.declaration.width();
     uint64_t expected = counts->of(v.declaration.storage);

@@ -147,6 +147,33 @@ TEST(Check, WrongVariableIsDroppedAlone) {
   EXPECT_FALSE(paramsOf(p).has("s"));
 }
 
+// `"float[2] st"` with a value a vertex: no class is "uniform", which does not fit and is not meant.
+TEST(Check, StandardVariablesWithoutAClassTakeTheOneThatFits) {
+  const auto classOf = [](const char* token, size_t n, const char* name) {
+    PointsPolygons s;
+    s.nverts = {3, 3};
+    s.verts = {0, 1, 2, 0, 2, 3};
+    s.params.set(floats("P", 12));
+    s.params.set(floats(token, n));
+    Primitive p = s;
+    EXPECT_TRUE(checkPrimitive(p, {}).ok());
+    const Param* found = paramsOf(p).find(name);
+    return found ? std::string(found->declaration.str()) : "dropped";
+  };
+  EXPECT_EQ(classOf("float[2] st", 8, "st"), "varying float[2]");
+  EXPECT_EQ(classOf("float[2] st", 12, "st"), "facevarying float[2]");
+  EXPECT_EQ(classOf("color Cs", 12, "Cs"), "varying color");
+  EXPECT_EQ(classOf("color Cs", 6, "Cs"), "uniform color") << "one a face is what the words say";
+  EXPECT_EQ(classOf("color Cs", 9, "Cs"), "dropped");
+  EXPECT_EQ(classOf("float mine", 4, "mine"), "dropped") << "only the standard's variables";
+  PointsPolygons s;
+  s.nverts = {3};
+  s.verts = {0, 1, 2};
+  s.params.set(floats("point P", 9));
+  Primitive p = s;
+  EXPECT_TRUE(checkPrimitive(p, {}).ok());
+}
+
 TEST(Check, SubdivisionTags) {
   SubdivisionMesh m;
   m.scheme = "catmull-clark";

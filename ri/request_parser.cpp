@@ -448,7 +448,17 @@ ParamList RequestParser::params(std::string_view context, bool primitive) {
       break;
     }
     inBracket_ = lexer_.kind() == TokenKind::kArrayBegin;
-    if (!value(p)) continue;
+    if (!primitive && p.form == TokenForm::kBare && d->type == ValueType::kString) {
+      // Options and attributes that were strings became numbers later ("visibility" "transmission"): files
+      // have both.
+      if (!undeclaredValue(p)) {
+        warn(RiError::kSyntax, fmt::format("\"{}\" has no value; ignored", p.name));
+        continue;
+      }
+      if (p.floats.empty()) p.declaration = *d;
+    } else if (!value(p)) {
+      continue;
+    }
     if (!primitive && p.elementCount() < d->width()) {
       warn(RiError::kConsistency, fmt::format("\"{} {}\" has {} numbers or strings, expected {}; ignored",
                                               d->str(), p.name, p.elementCount(), d->width()));

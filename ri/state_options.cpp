@@ -202,6 +202,10 @@ void StateRenderer::displayChannel(std::string declaration, ParamList params) {
 
 void StateRenderer::hider(std::string type, ParamList params) {
   if (!optionAllowed("Hider")) return;
+  if (type != "hidden" && type != "stochastic" && type != "raytrace") {
+    reportHere(RiError::kUnimplemented, Severity::kWarning,
+               fmt::format("Hider \"{}\" is not there; the picture is rendered as by \"hidden\"", type));
+  }
   state_.editOptions().hider = std::move(type);
   state_.editOptions().hiderParams = std::move(params);
 }

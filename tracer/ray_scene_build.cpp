@@ -308,6 +308,8 @@ class RaySceneBuilder {
     const GridRecord g = shared;
     if (g.flags & kGridAbsent) return false;
     const bool meshlet = g.kind == GridKind::kMeshlet;
+    // Faces that name one or two vertices three times have no area.
+    if (meshlet && g.nu > 0 && g.nu < 3) return false;
     const uint64_t arenaBytes = cache_.arena().size();
     const uint64_t vertices = meshlet ? g.nu : uint64_t(g.nv) * g.rowStride + g.nu + 1;
     const bool shapeOk =

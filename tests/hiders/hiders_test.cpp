@@ -241,6 +241,11 @@ const std::vector<Scene> kScenes = {
     {"SolidsInside", "Clipping 0.01 100\n" + kPerspective + "Translate 0 0 -5.05\n",
      solid("difference", closed("Sphere 3 -3 3 360\n") + closed("Sphere 0.9 -0.9 0.9 360\n") + kRod)},
     {"SolidsMidpoint", kPerspective + "Hider \"hidden\" \"string depthfilter\" [\"midpoint\"]\n", kBored},
+    // Faces without area, of two vertices or one, beside one that has some.
+    {"DegenerateFaces", kPerspective,
+     "PointsPolygons [3 3 4 3] [0 1 2 2 1 3 3 0 0 1 1 1 1] \"P\" [-1 -1 0 1 -1 0 -1 1 0 1 1 0]\n"
+     "PointsPolygons [3] [0 0 0] \"P\" [-1 -1 0 1 -1 0 -1 1 0]\n"
+     "Polygon \"P\" [-1 -1 -1 -1 -1 -1 0 -1 -1 0 0 -1]\n"},
     {"Mirror",
      kPerspective,
      "AttributeBegin Surface \"raymirror\" Translate -0.7 0 0 Sphere 0.7 -0.7 0.7 360 AttributeEnd\n"
