@@ -160,6 +160,8 @@ const ContextBuiltIn kInContext[] = {
     {"Display", "filter", kStr},
     {"Display", "filterwidth", array(S::kUniform, T::kFloat, 2)},
     {"Display", "compression", kStr},
+    {"Resource", "operation", kStr},
+    {"Resource", "subset", kStr},
     {"Hider", "jitter", kI},
     {"Hider", "depthfilter", kStr},
     {"Hider", "subpixel", kI},

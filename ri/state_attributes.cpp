@@ -290,9 +290,38 @@ void StateRenderer::trimCurve(TrimCurve curves) {
   a.trimCurve = curves.ncurves.empty() ? nullptr : std::make_shared<const TrimCurve>(std::move(curves));
 }
 
-void StateRenderer::resource(std::string, std::string type, ParamList) {
-  reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
-                 fmt::format("Resource \"{}\" is ignored", type));
+void StateRenderer::resource(std::string handle, std::string type, ParamList params) {
+  if (!attributeAllowed("Resource")) return;
+  const std::string operation = params.getString("operation", ""), subset = params.getString("subset", "all");
+  if (type != "attributes" || (operation != "save" && operation != "restore")) {
+    return reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                          fmt::format("Resource \"{}\" {} is ignored", type, operation));
+  }
+  if (operation == "save") {
+    resources_.back()[handle] = state_.shareAttributes();
+    return;
+  }
+  const auto block = std::find_if(resources_.rbegin(), resources_.rend(),
+                                  [&](const auto& saved) { return saved.contains(handle); });
+  if (block == resources_.rend()) {
+    return reportHere(RiError::kBadHandle, Severity::kError,
+                      fmt::format("Resource: nothing was saved as \"{}\"", handle));
+  }
+  const AttributeState& saved = *block->find(handle)->second;
+  if (subset == "all") {
+    state_.editAttributes() = saved;
+  } else if (subset == "shading") {
+    AttributeState& a = state_.editAttributes();
+    a.color = saved.color, a.opacity = saved.opacity, a.textureCoordinates = saved.textureCoordinates;
+    a.surface = saved.surface, a.displacement = saved.displacement, a.atmosphere = saved.atmosphere;
+    a.interior = saved.interior, a.exterior = saved.exterior;
+    a.lights = saved.lights, a.areaLight = saved.areaLight;
+    a.shadingRate = saved.shadingRate, a.smoothShading = saved.smoothShading, a.matte = saved.matte;
+  } else {
+    reportOnceHere(
+        RiError::kUnimplemented, Severity::kWarning,
+        fmt::format("Resource: subset \"{}\" is not restored; \"all\" and \"shading\" are", subset));
+  }
 }
 
 // ---- geometry ----

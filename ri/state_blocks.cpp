@@ -117,6 +117,8 @@ void StateRenderer::worldEnd() {
       open == BlockKind::kSolid ? solidEnd() : closeBlock(open);
     }
     onWorldEnd();
+    // They name lights of this world.
+    for (auto& saved : resources_) saved.clear();
   }
   closeBlock(BlockKind::kWorld);
 }
@@ -126,11 +128,11 @@ void StateRenderer::attributeEnd() { closeBlock(BlockKind::kAttribute); }
 void StateRenderer::transformBegin() { check(state_.begin(BlockKind::kTransform)); }
 void StateRenderer::transformEnd() { closeBlock(BlockKind::kTransform); }
 
-void StateRenderer::resourceBegin() { ++resourceDepth_; }
+void StateRenderer::resourceBegin() { resources_.emplace_back(); }
 void StateRenderer::resourceEnd() {
-  if (resourceDepth_ == 0)
+  if (resources_.size() == 1)
     return void(check(makeError(RiError::kNesting, "ResourceEnd without ResourceBegin")));
-  --resourceDepth_;
+  resources_.pop_back();
 }
 
 void StateRenderer::solidBegin(std::string operation) {

@@ -217,7 +217,8 @@ class StateRenderer : public Renderer {
   std::map<std::string, std::shared_ptr<const RetainedObject>, std::less<>> objects_;
   std::set<std::string, std::less<>> said_;
   mutable Param frameVariable_;
-  int resourceDepth_ = 0;
+  /// Attributes saved by Resource, by handle: outside, and in each ResourceBegin block that is open.
+  std::vector<std::map<std::string, AttributePtr, std::less<>>> resources_ = {{}};
 };
 
 }  // namespace fr::ri

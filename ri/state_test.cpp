@@ -338,6 +338,42 @@ TEST(Motion, WrongBlocks) {
   EXPECT_EQ(s.primitives[0].attributes->color, Color(1, 1, 1));
 }
 
+TEST(State, AHiderThatIsNotThereIsSaid) {
+  Scene s;
+  s.read("Hider \"raytrace\" \"int jitter\" 1 Hider \"stochastic\" Hider \"hidden\" WorldBegin WorldEnd");
+  EXPECT_TRUE(s.reports.errors.empty()) << s.reports.str();
+  Scene t;
+  t.read("Hider \"photon\" \"int emit\" 100 WorldBegin WorldEnd");
+  ASSERT_EQ(t.reports.errors.size(), 1u) << t.reports.str();
+  EXPECT_EQ(t.reports.errors[0].severity, Severity::kWarning);
+}
+
+TEST(Resources, AttributesAreSavedAndRestored) {
+  Scene s;
+  s.read(
+      "WorldBegin ResourceBegin AttributeBegin Color 1 0 0 Sides 1 Surface \"plastic\" Translate 1 0 0\n"
+      "Resource \"red\" \"attributes\" \"string operation\" \"save\" \"string subset\" [\"shading\"]\n"
+      "AttributeEnd\n"
+      "AttributeBegin Resource \"red\" \"attributes\" \"operation\" \"restore\" \"subset\" \"shading\"\n"
+      "Sphere 1 -1 1 360 AttributeEnd\n"
+      "AttributeBegin Resource \"red\" \"attributes\" \"string operation\" [\"restore\"]\n"
+      "Sphere 1 -1 1 360 AttributeEnd\n"
+      "Sphere 1 -1 1 360 ResourceEnd\n"
+      "Resource \"red\" \"attributes\" \"string operation\" \"restore\" Sphere 1 -1 1 360 WorldEnd\n");
+  ASSERT_EQ(s.primitives.size(), 4u) << s.reports.str();
+  for (const int i : {0, 1}) {
+    EXPECT_EQ(s.primitives[size_t(i)].attributes->color, Color(1, 0, 0));
+    EXPECT_EQ(s.primitives[size_t(i)].attributes->surface->name, "plastic");
+    expectNear(s.map(size_t(i), {0, 0, 0}), {0, 0, 0});  // transformations are no attributes
+  }
+  EXPECT_EQ(s.primitives[0].attributes->sides, 2);  // is not shading
+  EXPECT_EQ(s.primitives[1].attributes->sides, 1);
+  EXPECT_EQ(s.primitives[2].attributes->color, Color(1, 1, 1));
+  // ResourceEnd forgets what was saved inside.
+  EXPECT_EQ(s.primitives[3].attributes->color, Color(1, 1, 1));
+  EXPECT_EQ(s.reports.count(RiError::kBadHandle), 1) << s.reports.str();
+}
+
 TEST(Objects, InstancesTakeAttributesAndTransformOfTheirPlace) {
   Scene s;
   s.read(
