@@ -64,12 +64,23 @@ class RasterSpace {
     return c;
   }
   /// Bounds of a cache-space box, grown by a margin for rounding. `outside`: before the near or behind the
-  /// far plane. A box that reaches through the near plane covers everything.
-  /// The whole lens is looked through.
+  /// far plane. Of a box that reaches through the near plane, the part behind it. The whole lens is looked
+  /// through.
   RasterBounds bounds(const Box3f& box) const;
   const LensShift& lens() const { return lens_; }
 
  private:
+  friend class ShutterSpace;
+  /// homogeneous() of some places, and how far rounding can have moved each component.
+  struct Hull {
+    Vec4 points[16];
+    int count = 0;
+    Vec4 slack{0};
+  };
+  void add(const Box3f& box, Hull& hull) const;
+  /// Bounds of the convex hull.
+  RasterBounds bounds(const Hull& hull) const;
+
   Mat4 cacheToCamera_{1.0f}, rasterFromCache_{1.0f};
   LensShift lens_;
   bool perspective_ = true;
