@@ -9,6 +9,7 @@
 
 #include "ri/lexer.h"
 #include "ri/reader.h"
+#include "ri/rib_writer.h"
 
 namespace fr::ri {
 namespace {
@@ -69,6 +70,25 @@ void BM_ReadSmallRequests(benchmark::State& state) {
   readText(state, text);
 }
 BENCHMARK(BM_ReadSmallRequests)->Unit(benchmark::kMillisecond);
+
+// The same as binary RIB, and a cloud of points: one long array of floats, which is what 1 GB/s is asked of.
+std::string binaryOf(const std::string& text) {
+  std::string out;
+  RibWriterOptions options;
+  options.binary = true;
+  RibWriter writer([&](std::string_view piece) { out += piece; }, options);
+  Reader reader(writer);
+  if (!reader.readBuffer(text).ok()) return {};
+  writer.flush();
+  return out;
+}
+void BM_ReadBinaryMesh(benchmark::State& state) { readText(state, binaryOf(meshText())); }
+BENCHMARK(BM_ReadBinaryMesh)->Unit(benchmark::kMillisecond);
+void BM_ReadBinaryFloats(benchmark::State& state) {
+  const std::string& all = meshText();
+  readText(state, binaryOf("WorldBegin\nPoints " + all.substr(all.find("\"P\" "))));
+}
+BENCHMARK(BM_ReadBinaryFloats)->Unit(benchmark::kMillisecond);
 
 void BM_FloatArray(benchmark::State& state) {
   const std::string& all = meshText();
