@@ -108,6 +108,8 @@ class Lexer {
   bool readNumbersAs(std::vector<T>& to);
   template <class T>
   bool convertOne(const char*& p, std::vector<T>& to);
+  template <class T>
+  bool convertBinary(const char*& p, std::vector<T>& to);
 
   std::unique_ptr<Input> input_;
   std::string name_;

@@ -4,6 +4,7 @@
 #include <rapidcheck.h>
 #include <zlib.h>
 
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -198,6 +199,73 @@ TEST(LexerBinary, FloatsAndArrays) {
   EXPECT_EQ(tokens(bytes({0244, 0x3f, 0x80, 0, 0})), "F:1 ");
   EXPECT_EQ(tokens(bytes({0245, 0x40, 0x04, 0, 0, 0, 0, 0, 0})), "F:2.5 ");
   EXPECT_EQ(tokens(bytes({0310, 2, 0x3f, 0x80, 0, 0, 0xc0, 0, 0, 0})), "A:1:-2 ");
+}
+
+// Arrays of single numbers have a fast way, where enough of them is in memory, and a slow one.
+TEST(LexerBinary, ArraysOfNumbersAreTheSameFastAndSlowly) {
+  rc::check([](const std::vector<uint32_t>& seeds) {
+    std::string text = "[";
+    std::vector<float> floats;
+    std::vector<int> integers;
+    const auto bigEndian = [&](uint32_t v, int bytes) {
+      for (int k = bytes - 1; k >= 0; --k) text += char(v >> 8 * k & 0xff);
+    };
+    bool whole = true;
+    for (int repeat = 0; repeat < 30; ++repeat) {  // beyond the part near the end that is read slowly
+      for (const uint32_t s : seeds) {
+        const int bytes = int(s & 3) + 1, fraction = s % 7 == 0 ? int(s >> 2 & 3) : 0;
+        const int32_t value = int32_t(s * 2654435761u) >> (32 - 8 * bytes);
+        if (s % 5 == 0) text += s % 2 ? " " : "\n";
+        if (s % 11 == 0) {
+          const float f = float(int32_t(s)) * 0.125f;
+          text += char(0xa4), bigEndian(std::bit_cast<uint32_t>(f), 4);
+          floats.push_back(f), whole = whole && f == std::floor(f) && std::abs(f) < 2147483648.0f;
+          integers.push_back(whole ? int(f) : 0);
+          continue;
+        }
+        text += char(0x80 | fraction << 2 | (bytes - 1)), bigEndian(uint32_t(value), bytes);
+        const double d = std::ldexp(double(value), -8 * fraction);
+        floats.push_back(float(d)), whole = whole && d == std::floor(d);
+        integers.push_back(whole ? int(d) : 0);
+      }
+    }
+    text += "]";
+    for (const bool slowly : {false, true}) {
+      const auto lexer = [&] {
+        auto l = std::make_unique<Lexer>(
+            slowly ? std::unique_ptr<Input>(std::make_unique<DripInput>(text)) : *openMemory(text), "t");
+        l->advance();
+        return l;
+      };
+      std::vector<float> f;
+      RC_ASSERT(lexer()->readNumbers(f));
+      RC_ASSERT(f == floats);
+      std::vector<int> n;
+      RC_ASSERT(lexer()->readNumbers(n) == whole);
+      RC_ASSERT(!whole || n == integers);
+    }
+  });
+}
+
+// Lines are counted eight bytes at a time; here one by one.
+TEST(Lexer, LinesAndColumnsOfAnyText) {
+  rc::check([](const std::vector<uint8_t>& bytes) {
+    std::string text;
+    for (const uint8_t b : bytes) text += b < 20 ? '\n' : b < 30 ? '\r' : b < 40 ? ' ' : 'a';
+    text += " X";
+    int line = 1, column = 1;
+    for (size_t i = 0; i + 1 < text.size(); ++i) {
+      const bool ends = text[i] == '\r' || (text[i] == '\n' && (i == 0 || text[i - 1] != '\r'));
+      if (ends) ++line;
+      column = text[i] == '\n' || text[i] == '\r' ? 1 : column + 1;
+    }
+    Lexer lexer(*openMemory(text), "t");
+    do {
+      lexer.advance();
+    } while (lexer.kind() != TokenKind::kEnd && lexer.text() != "X");
+    RC_ASSERT(lexer.location().line == line);
+    RC_ASSERT(lexer.location().column == column);
+  });
 }
 
 TEST(LexerBinary, StringsOfManyLengths) {
