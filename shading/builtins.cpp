@@ -36,7 +36,7 @@ constexpr Builtin kBuiltins[] = {
     {"atmosphere", "f", "s!", Op::msg_atmosphere},
     {"attribute", "f", "s!", Op::get_attribute},
     {"bake", "x", "sff?", Op::bake},
-    {"bake3d", "f", "sstt*", Op::bake3d, Lowering::kBake3d},
+    {"bake3d", "f", "sstt*", Op::bake3d},
     {"bump", "n", "s.", Op::bump, Lowering::kTexture, 1},
     {"calculatenormal", "n", "p", Op::calculatenormal},
     {"caustic", "c", "tt*", Op::caustic},

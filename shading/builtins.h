@@ -25,7 +25,6 @@ enum class Lowering : uint8_t {
   kSpline,
   kTexture,    // texture, environment, shadow, bump
   kPhotonMap,  // N = 0 when not given
-  kBake3d,
   kIsOutput,  // a variable stands for its name
   kGetVar,    // the shader that is asked: null, or a string
 };

@@ -387,9 +387,6 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
       in.insert(in.begin() + 2, b_.constantFloats(SlType::kNormal, zero));
       return {b_.result(b.op, result, in), result};
     }
-    case Lowering::kBake3d:
-      b_.emit(b.op, in);
-      return {b_.constantFloat(1), result};
     default:
       break;
   }

@@ -242,6 +242,7 @@ class Machine {
                     std::string_view name);
   void setFloat(const Frame& f, const Operand& out, float value);
   std::string_view keep(std::string text);
+  bool matchesText(std::string_view pattern, std::string_view subject);
 
   // Operand k of a step, as symbol index.
   static uint32_t symbolOf(const Frame& f, const Step& s, uint32_t k) {
@@ -266,6 +267,12 @@ class Machine {
   bool footprintsKnown_ = false;
   std::unordered_set<std::string> texts_;  // made by this batch; nodes stay where they are
   size_t textBytes_ = 0;
+  struct Matched {
+    std::string pattern, subject;
+    bool result;
+  };
+  std::vector<Matched> matched_;
+  ShaderValue answered_;  // by attribute(), option() and their kin
   AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
   AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
   AlignedFloats missColor_;    // of rays that hit nothing, see lookUpEnvironment()

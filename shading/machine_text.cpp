@@ -127,6 +127,19 @@ bool matches(std::string_view pattern, std::string_view subject) {
 }
 }  // namespace
 
+/// matches(), remembered: shaders ask the same for every batch, and compiling an expression takes longer than
+/// most shaders.
+bool Machine::matchesText(std::string_view pattern, std::string_view subject) {
+  constexpr size_t kMost = 64, kLongest = 512;
+  for (const Matched& m : matched_)
+    if (m.pattern == pattern && m.subject == subject) return m.result;
+  const bool result = matches(pattern, subject);
+  if (pattern.size() + subject.size() > kLongest) return result;
+  if (matched_.size() == kMost) matched_.clear();
+  matched_.push_back({std::string(pattern), std::string(subject), result});
+  return result;
+}
+
 void Machine::stringOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   uint32_t lane = 0;
@@ -181,7 +194,7 @@ void Machine::stringOp(Frame& f, const Step& s) {
       break;
     }
     case Op::match: {
-      setFloat(f, a[0], matches(text(f, s, 1), text(f, s, 2)) ? 1.0f : 0.0f);
+      setFloat(f, a[0], matchesText(text(f, s, 1), text(f, s, 2)) ? 1.0f : 0.0f);
       break;
     }
     case Op::shadername:
@@ -283,7 +296,9 @@ void Machine::message(Frame& f, const Step& s) {
   const std::string_view name = text(f, s, 1);
   const uint32_t arg = symbolOf(f, s, 2);
   const Operand& out = a[2];
-  ShaderValue v;
+  ShaderValue& v = answered_;  // keeps its memory from call to call
+  v.type = SlType::kFloat, v.arrayLength = 0;
+  v.floats.clear(), v.strings.clear();
   bool found = false;
   switch (s.op) {
     case Op::msg_surface:

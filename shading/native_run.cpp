@@ -4,37 +4,20 @@
 // computed once, before the loop over the points, and are memory operands in it.
 #include "shading/native_run.h"
 
-#include <sys/mman.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
-#include <cstdlib>
-#include <cstring>
-#include <string_view>
 
 #include "base/isa.h"
 #include "shading/kernels.h"
 #include "shading/native_assembler.h"
+#include "shading/native_schedule.h"
 
 namespace fr {
-
-bool nativeCodeAvailable() {
-#if defined(__x86_64__)
-  static const bool available = [] {
-    const char* const wish = std::getenv("FRANKENRENDER_NATIVE");
-    return int(currentIsa()) >= int(Isa::kAvx2) && !(wish && std::string_view(wish) == "0");
-  }();
-  return available;
-#else
-  return false;
-#endif
-}
 
 namespace {
 
 constexpr int kRegisters = 16;
-constexpr uint32_t kNever = ~0u;
+constexpr uint32_t kNever = RunSchedule::kNever;
 constexpr int kBytes = 32;  // of a vector
 
 // What stays in general registers through the loop.
@@ -94,22 +77,6 @@ VectorCode codeOf(VectorOp op) {
       return {0, 1, 0x5b};  // kToFloat
   }
 }
-bool commutes(const Node& n) {
-  switch (n.op) {
-    case VectorOp::kAdd:
-    case VectorOp::kMul:
-    case VectorOp::kAnd:
-    case VectorOp::kOr:
-    case VectorOp::kXor:
-    case VectorOp::kAddInt:
-    case VectorOp::kMulInt:
-    case VectorOp::kEqualInt:
-    case VectorOp::kCompare:  // with the comparison turned round
-      return true;
-    default:
-      return false;
-  }
-}
 /// Predicates without exceptions for quiet NaN; `turned`: of the operands in the other order.
 uint8_t predicateOf(Compare c, bool turned) {
   switch (c) {
@@ -128,17 +95,12 @@ uint8_t predicateOf(Compare c, bool turned) {
 class RunCompiler {
  public:
   RunCompiler(const ValueGraph& graph, const std::vector<RunOutput>& outputs, bool skipInactive)
-      : graph_(graph), nodes_(graph.nodes()), outputs_(outputs), skipInactive_(skipInactive) {}
+      : graph_(graph), nodes_(graph.nodes()), outputs_(outputs), schedule_(graph, outputs, skipInactive) {}
 
   std::vector<uint8_t> compile();
 
  private:
-  /// One thing to do, in order: skip vectors without active points, read a column that will be overwritten,
-  /// compute a node, look at a rare case, keep a uniform value for the loop, store a result.
-  struct Item {
-    enum class Kind : uint8_t { kSkip, kTouch, kNode, kRare, kKeep, kStore } kind;
-    uint32_t index;  // node; of kRare a rare case, of kStore an output
-  };
+  using Item = RunSchedule::Item;
   struct Place {
     int reg = -1;      // vector register
     int spilled = -1;  // offset in the frame
@@ -160,18 +122,9 @@ class RunCompiler {
     bool uniform = false;
   };
 
-  void need(NodeIndex i);
-  void findKept();
-  bool isLeaf(NodeIndex i) const {
-    return operandCount(nodes_[i].op) == 0 && nodes_[i].op != VectorOp::kRare;
-  }
   void emitPhase();
-  void listItems();
-  void listStores();
   void choosePointers();
   void countUses();
-  template <class F>
-  void forOperands(const Item& item, const F& f) const;
 
   uint32_t nextUse(NodeIndex i) const {
     const Place& p = places_[i];
@@ -179,7 +132,8 @@ class RunCompiler {
     return p.use < list.size() ? list[p.use] : kNever;
   }
   bool inMemory(NodeIndex i) const {
-    return (isLeaf(i) && !touched_[i]) || places_[i].spilled >= 0 || (!uniformPhase_ && places_[i].kept >= 0);
+    return (schedule_.isLeaf(i) && !schedule_.touched(i)) || places_[i].spilled >= 0 ||
+           (!uniformPhase_ && places_[i].kept >= 0);
   }
   MemoryOperand memoryOf(NodeIndex i);
   MemoryOperand columnAt(uint32_t column, bool uniform);
@@ -200,13 +154,10 @@ class RunCompiler {
   const ValueGraph& graph_;
   const std::vector<Node>& nodes_;
   const std::vector<RunOutput>& outputs_;
-  const bool skipInactive_;
+  RunSchedule schedule_;
 
   Assembler a_;
   bool uniformPhase_ = true;
-  NodeIndex maskNode_ = kNever;
-  std::vector<bool> needed_, kept_, touched_;
-  std::vector<std::vector<NodeIndex>> rareResults_;
   std::vector<Item> items_;
   std::vector<std::vector<uint32_t>> uses_;
   std::vector<Place> places_;
@@ -220,148 +171,10 @@ class RunCompiler {
   std::vector<RareStub> stubs_;
 };
 
-void RunCompiler::need(NodeIndex i) {
-  // Iteratively: graphs can be deep.
-  std::vector<NodeIndex> todo{i};
-  while (!todo.empty()) {
-    const NodeIndex k = todo.back();
-    todo.pop_back();
-    if (needed_[k]) continue;
-    needed_[k] = true;
-    const Node& n = nodes_[k];
-    if (n.op == VectorOp::kRare) {
-      const RareNode& r = graph_.rareCases()[n.a];
-      todo.push_back(r.where);
-      todo.insert(todo.end(), r.in.begin(), r.in.end());
-      todo.insert(todo.end(), r.usual.begin(), r.usual.end());
-      continue;
-    }
-    const NodeIndex operands[] = {n.a, n.b, n.c};
-    for (uint32_t o = 0; o < operandCount(n.op); ++o) todo.push_back(operands[o]);
-  }
-}
-
-template <class F>
-void RunCompiler::forOperands(const Item& item, const F& f) const {
-  switch (item.kind) {
-    case Item::Kind::kNode: {
-      const Node& n = nodes_[item.index];
-      const NodeIndex operands[] = {n.a, n.b, n.c};
-      for (uint32_t o = 0; o < operandCount(n.op); ++o) f(operands[o]);
-      break;
-    }
-    case Item::Kind::kRare: {
-      const RareNode& r = graph_.rareCases()[item.index];
-      f(r.where);
-      for (const NodeIndex i : r.in) f(i);
-      for (const NodeIndex i : r.usual) f(i);
-      break;
-    }
-    case Item::Kind::kTouch:
-    case Item::Kind::kKeep:
-      f(item.index);
-      break;
-    case Item::Kind::kStore:
-      f(outputs_[item.index].value);
-      if (outputs_[item.index].masked) f(maskNode_);
-      break;
-    case Item::Kind::kSkip:
-      f(maskNode_);
-      break;
-  }
-}
-
-void RunCompiler::listItems() {
-  items_.clear();
-  if (!uniformPhase_ && skipInactive_) items_.push_back({Item::Kind::kSkip, 0});
-  // Columns that are copied to others and overwritten themselves are read before anything is stored.
-  std::fill(touched_.begin(), touched_.end(), false);
-  for (const RunOutput& o : outputs_) {
-    const Node& n = nodes_[o.value];
-    if (o.uniform != uniformPhase_ || (n.op != VectorOp::kLoad && n.op != VectorOp::kLoadUniform)) continue;
-    const bool overwritten = std::any_of(outputs_.begin(), outputs_.end(),
-                                         [&](const RunOutput& other) { return other.column == n.imm; });
-    if (!overwritten || n.uniform != uniformPhase_ || touched_[o.value]) continue;
-    touched_[o.value] = true;
-    items_.push_back({Item::Kind::kTouch, o.value});
-  }
-  std::vector<bool> rareListed(graph_.rareCases().size(), false);
-  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
-    if (!needed_[i] || nodes_[i].uniform != uniformPhase_) continue;
-    if (nodes_[i].op == VectorOp::kRare) {
-      if (!rareListed[nodes_[i].a]) items_.push_back({Item::Kind::kRare, nodes_[i].a});
-      rareListed[nodes_[i].a] = true;
-    } else if (!isLeaf(i)) {
-      items_.push_back({Item::Kind::kNode, i});
-    }
-  }
-  if (!uniformPhase_) return listStores();
-  for (NodeIndex i = 0; i < nodes_.size(); ++i)
-    if (kept_[i]) items_.push_back({Item::Kind::kKeep, i});
-  for (uint32_t k = 0; k < outputs_.size(); ++k)
-    if (outputs_[k].uniform) items_.push_back({Item::Kind::kStore, k});
-}
-
-/// A result is stored as soon as it is known and the column's old values are not needed any more.
-void RunCompiler::listStores() {
-  std::vector<uint32_t> defined(nodes_.size(), 0), lastUse(nodes_.size(), 0);
-  for (uint32_t at = 0; at < items_.size(); ++at) {
-    forOperands(items_[at], [&](NodeIndex i) { lastUse[i] = at; });
-    if (items_[at].kind == Item::Kind::kNode) defined[items_[at].index] = at;
-    if (items_[at].kind == Item::Kind::kRare)
-      for (const NodeIndex i : rareResults_[items_[at].index])
-        if (i != kNever) defined[i] = at;
-  }
-  std::vector<uint32_t> columnRead;
-  for (NodeIndex i = 0; i < nodes_.size(); ++i)
-    if (nodes_[i].op == VectorOp::kLoad && needed_[i]) {
-      if (columnRead.size() <= nodes_[i].imm) columnRead.resize(nodes_[i].imm + 1, 0);
-      columnRead[nodes_[i].imm] = lastUse[i];
-    }
-  std::vector<std::pair<uint32_t, uint32_t>> stores;  // item behind which, output
-  for (uint32_t k = 0; k < outputs_.size(); ++k) {
-    const RunOutput& o = outputs_[k];
-    if (o.uniform) continue;
-    uint32_t at = defined[o.value];
-    if (o.column < columnRead.size()) at = std::max(at, columnRead[o.column]);
-    stores.push_back({at, k});
-  }
-  std::stable_sort(stores.begin(), stores.end(),
-                   [](const auto& x, const auto& y) { return x.first < y.first; });
-  std::vector<Item> merged;
-  size_t next = 0;
-  for (uint32_t at = 0; at < items_.size(); ++at) {
-    merged.push_back(items_[at]);
-    // Nothing is stored before the last column has been touched.
-    if (at + 1 < items_.size() && items_[at + 1].kind == Item::Kind::kTouch) continue;
-    for (; next < stores.size() && stores[next].first <= at; ++next)
-      merged.push_back({Item::Kind::kStore, stores[next].second});
-  }
-  for (; next < stores.size(); ++next) merged.push_back({Item::Kind::kStore, stores[next].second});
-  items_ = std::move(merged);
-}
-
-/// Uniform values that the loop reads.
-void RunCompiler::findKept() {
-  const auto keep = [&](NodeIndex i) {
-    if (nodes_[i].uniform && nodes_[i].op != VectorOp::kConstant) kept_[i] = true;
-  };
-  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
-    if (!needed_[i] || nodes_[i].uniform) continue;
-    const Node& n = nodes_[i];
-    if (n.op == VectorOp::kRare)
-      forOperands({Item::Kind::kRare, n.a}, keep);
-    else
-      forOperands({Item::Kind::kNode, i}, keep);
-  }
-  for (const RunOutput& o : outputs_)
-    if (!o.uniform) keep(o.value);
-}
-
 void RunCompiler::countUses() {
   for (auto& u : uses_) u.clear();
   for (uint32_t at = 0; at < items_.size(); ++at)
-    forOperands(items_[at], [&](NodeIndex i) { uses_[i].push_back(at); });
+    schedule_.forOperands(items_[at], [&](NodeIndex i) { uses_[i].push_back(at); });
   for (Place& p : places_) p.reg = p.spilled = -1, p.use = 0;
   holds_.fill(kNever);
 }
@@ -501,7 +314,7 @@ void RunCompiler::emitNode(NodeIndex i) {
     }
     default: {
       NodeIndex first = n.a, second = n.b;
-      const bool turn = commutes(n) && places_[first].reg < 0 &&
+      const bool turn = (commutes(n.op) || n.op == VectorOp::kCompare) && places_[first].reg < 0 &&
                         (places_[second].reg >= 0 || nodes_[first].op == VectorOp::kConstant);
       if (turn) std::swap(first, second);
       const int x = ensure(first);
@@ -523,7 +336,7 @@ void RunCompiler::emitRare(uint32_t index) {
   stub.rare = index, stub.uniform = uniformPhase_;
   stub.where = ensure(rare.where);
   for (const NodeIndex i : rare.usual) stub.usual.push_back(ensure(i));
-  const std::vector<NodeIndex>& nodes = rareResults_[index];
+  const std::vector<NodeIndex>& nodes = schedule_.rareResults(index);
   // A result takes over its usual value's register, unless that is needed further.
   for (size_t k = 0; k < rare.usual.size(); ++k) {
     const NodeIndex usual = rare.usual[k];
@@ -610,12 +423,12 @@ void RunCompiler::emitStore(const RunOutput& o) {
     to.disp = kBytes;
     a_.storeVector(to, value);
   } else if (o.masked) {
-    const int mask = ensure(maskNode_), old = allocate();
+    const int mask = ensure(schedule_.maskNode()), old = allocate();
     const MemoryOperand to = columnAt(o.column, false);
     a_.loadVector(old, to);
     a_.vectorImmediate(codeOf(VectorOp::kSelect), old, old, value, uint8_t(mask << 4));
     a_.storeVector(to, old);
-    used(maskNode_);
+    used(schedule_.maskNode());
   } else {
     a_.storeVector(columnAt(o.column, false), value);
   }
@@ -625,10 +438,10 @@ void RunCompiler::emitStore(const RunOutput& o) {
 void RunCompiler::emit(const Item& item) {
   switch (item.kind) {
     case Item::Kind::kSkip: {
-      const int mask = ensure(maskNode_);
+      const int mask = ensure(schedule_.maskNode());
       a_.vector({1, 2, 0x0e}, mask, 0, mask);  // vtestps
       a_.jumpIf(Assembler::kZero, skip_);
-      return used(maskNode_);
+      return used(schedule_.maskNode());
     }
     case Item::Kind::kTouch:
       ensure(item.index);
@@ -650,7 +463,7 @@ void RunCompiler::emit(const Item& item) {
 }
 
 void RunCompiler::emitPhase() {
-  listItems();
+  items_ = schedule_.list(uniformPhase_);
   countUses();
   for (now_ = 0; now_ < items_.size(); ++now_) {
     emit(items_[now_]);
@@ -671,7 +484,7 @@ void RunCompiler::choosePointers() {
       it->second += times;
   };
   for (NodeIndex i = 0; i < nodes_.size(); ++i)
-    if (needed_[i] && nodes_[i].op == VectorOp::kLoad) name(nodes_[i].imm, 1);
+    if (schedule_.needed(i) && nodes_[i].op == VectorOp::kLoad) name(nodes_[i].imm, 1);
   for (const RunOutput& o : outputs_)
     if (!o.uniform) name(o.column, o.masked ? 2 : 1);
   std::stable_sort(named.begin(), named.end(),
@@ -682,25 +495,8 @@ void RunCompiler::choosePointers() {
 }
 
 std::vector<uint8_t> RunCompiler::compile() {
-  needed_.assign(nodes_.size(), false);
-  kept_.assign(nodes_.size(), false);
-  touched_.assign(nodes_.size(), false);
   uses_.resize(nodes_.size());
   places_.resize(nodes_.size());
-  bool loop = false, masked = skipInactive_;
-  for (const RunOutput& o : outputs_) {
-    need(o.value);
-    loop = loop || !o.uniform;
-    masked = masked || o.masked;
-  }
-  for (NodeIndex i = 0; i < nodes_.size() && masked; ++i)
-    if (nodes_[i].op == VectorOp::kMask) maskNode_ = i, needed_[i] = true;
-  rareResults_.resize(graph_.rareCases().size());
-  for (size_t k = 0; k < rareResults_.size(); ++k)
-    rareResults_[k].assign(graph_.rareCases()[k].usual.size(), kNever);
-  for (NodeIndex i = 0; i < nodes_.size(); ++i)
-    if (needed_[i] && nodes_[i].op == VectorOp::kRare) rareResults_[nodes_[i].a][nodes_[i].imm] = i;
-  findKept();
 
   for (const Gpr r : kCalleeSaved) a_.push(r);
   a_.move(kRax, kRsp);
@@ -712,7 +508,7 @@ std::vector<uint8_t> RunCompiler::compile() {
   a_.move(kMask, kRdx);
   uniformPhase_ = true;
   emitPhase();
-  if (loop) {
+  if (schedule_.hasLoop()) {
     uniformPhase_ = false;
     choosePointers();
     a_.clear(kOffset);
@@ -741,21 +537,5 @@ std::vector<uint8_t> compileRun(const ValueGraph& graph, const std::vector<RunOu
                                 bool skipInactive) {
   return RunCompiler(graph, outputs, skipInactive).compile();
 }
-
-std::unique_ptr<NativeMemory> NativeMemory::of(const std::vector<uint8_t>& code) {
-  const auto page = size_t(::sysconf(_SC_PAGESIZE));
-  const size_t size = (code.size() + page - 1) / page * page;
-  if (size == 0) return nullptr;
-  void* const memory = ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  if (memory == MAP_FAILED) return nullptr;
-  std::memcpy(memory, code.data(), code.size());
-  if (::mprotect(memory, size, PROT_READ | PROT_EXEC) != 0) {
-    ::munmap(memory, size);
-    return nullptr;
-  }
-  return std::unique_ptr<NativeMemory>(new NativeMemory(memory, size));
-}
-
-NativeMemory::~NativeMemory() { ::munmap(memory_, size_); }
 
 }  // namespace fr

@@ -330,6 +330,11 @@ ShadingStatistics ShadingSystem::statistics() const {
   r.shadersLoaded = l.loaded;
   r.shadersCompiled = l.compiled;
   r.compileSeconds = l.compileSeconds;
+  {
+    const std::lock_guard lock(impl_->mutex);
+    r.programs = impl_->executables.size();
+    for (const auto& [key, exe] : impl_->executables) r.machineCodes += exe->nativeCount();
+  }
   const FrTextureStatistics t = impl_->host.textures()->statistics();
   r.textureFiles = t.files, r.textureLookups = t.lookups;
   r.textureBytesRead = t.bytesRead, r.textureMemory = t.heldBytes;

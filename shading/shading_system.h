@@ -106,6 +106,9 @@ struct ShadingStatistics {
   uint64_t pointsShaded = 0, lightPoints = 0, opsExecuted = 0, lanesActive = 0, lanesTotal = 0;
   uint64_t shadersLoaded = 0, shadersCompiled = 0;
   double compileSeconds = 0;
+  // Programs prepared for the virtual machine, which instances share, and how often machine code was made of
+  // one.
+  uint64_t programs = 0, machineCodes = 0;
   // Of this process since it opened its first texture; all 0 when there was none.
   uint64_t textureFiles = 0, textureLookups = 0, textureBytesRead = 0, textureMemory = 0;
 };

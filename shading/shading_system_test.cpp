@@ -10,6 +10,7 @@
 #include <functional>
 
 #include "scene_cache/scene_loader.h"
+#include "shading/native_run.h"
 
 namespace fr {
 namespace {
@@ -129,6 +130,41 @@ TEST(ShadingSystem, MatteSphereUnderAPointLight) {
   EXPECT_LT(worst, 5e-3);
   EXPECT_LT(sum / double(points), 2e-4);
   EXPECT_GE(s.shading->statistics().pointsShaded, points);
+}
+
+TEST(ShadingSystem, ManyInstancesOfFewShadersAreCompiledOnce) {
+  constexpr int kShaders = 20, kInstances = 1000;
+  std::map<std::string, std::string> shaders;
+  for (int k = 0; k < kShaders; ++k)
+    shaders[fmt::format("many{}", k)] = fmt::format(
+        "surface many{0}(float gain = 1; color tint = 1;) {{ normal Nf = faceforward(normalize(N), I);"
+        " Ci = tint * gain * diffuse(Nf) + {0}; Oi = 1; }}",
+        k);
+  std::string world =
+      "Attribute \"dice\" \"int binary\" [0]\nShadingRate 64\nLightSource \"pointlight\" 1 \"intensity\" "
+      "[20] \"from\" "
+      "[2 3 -4]\nLightSource \"distantlight\" 2 \"intensity\" [.1]\n";
+  for (int k = 0; k < kInstances; ++k)
+    world += fmt::format(
+        "AttributeBegin Surface \"many{}\" \"gain\" [{}] \"tint\" [{} .5 1] Translate {} {} 0 Polygon \"P\" "
+        "[0 0 0  0 .1 0  "
+        ".1 .1 0  .1 0 0] AttributeEnd\n",
+        k % kShaders, .001 * k, .0005 * k, .04 * (k % 32) - .6, .04 * (k / 32) - .6);
+  Scene s(world, shaders);
+  ASSERT_TRUE(s.cache);
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  int grids = 0;
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    ++grids;
+  });
+  EXPECT_GE(grids, kInstances);
+  const ShadingStatistics n = s.shading->statistics();
+  EXPECT_EQ(n.shadersCompiled + n.shadersLoaded, uint64_t(kShaders + 2));
+  EXPECT_EQ(n.programs, uint64_t(kShaders + 2));
+  // The lights are part of the surfaces' code.
+  EXPECT_EQ(n.machineCodes, nativeCodeAvailable() ? uint64_t(kShaders) : 0u);
 }
 
 TEST(ShadingSystem, LightsWithShadowsAskAndStartOnTheSurface) {

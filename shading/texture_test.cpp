@@ -64,6 +64,13 @@ TEST_F(TextureTest, ChannelsFillAndGreyFiles) {
   EXPECT_NEAR(last.y, 0.4f, 1e-6f);
   EXPECT_NEAR(last.z, 0.75f, 1e-6f);
   EXPECT_NEAR(value("float texture(\"four.tif\"[9], .5, .5)").x, 0.0f, 1e-6f);
+  // Up to the last texel of a tile, where OpenImageIO would read behind it.
+  picture("large.tif", 128, 128, 3, [](int, int, int) { return 0.5f; });
+  for (const char* place : {".001", ".497", ".999"}) {
+    EXPECT_EQ(value(fmt::format("float texture(\"large.tif\"[3], {0}, {0}, \"fill\", .75)", place)).x, 0.75f);
+    EXPECT_EQ(value(fmt::format("color environment(\"large.tif\"[5], vector ({0}, -{0}, 1))", place)),
+              Vec3(0.0f));
+  }
   const Vec3 grey = value("color texture(\"grey.tif\", .5, .5)");
   EXPECT_EQ(grey, Vec3(0.25f));
   const Vec3 filled = value("color texture(\"grey.tif\", .5, .5, \"fill\", 1)");

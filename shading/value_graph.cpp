@@ -12,6 +12,8 @@ constexpr uint32_t kOnes = ~0u, kSign = 0x80000000u, kOne = 0x3f800000u;
 float asFloat(uint32_t bits) { return std::bit_cast<float>(bits); }
 uint32_t asBits(float f) { return std::bit_cast<uint32_t>(f); }
 
+}  // namespace
+
 bool commutes(VectorOp op) {
   switch (op) {
     case VectorOp::kAdd:
@@ -27,7 +29,6 @@ bool commutes(VectorOp op) {
       return false;
   }
 }
-}  // namespace
 
 uint32_t operandCount(VectorOp op) {
   switch (op) {

@@ -65,6 +65,8 @@ struct Node {
 };
 /// Operands of a node that are nodes.
 uint32_t operandCount(VectorOp op);
+/// The first two operands may change places, bit for bit.
+bool commutes(VectorOp op);
 
 /// Where `where` is not 0, the results come from the case's own function, else they are `usual`.
 struct RareNode {

@@ -55,28 +55,11 @@ FR_INLINE V3 arrived(const HandTask& t, uint32_t i) {
 }
 }  // namespace
 
-void handMirror(const HandTask& t) {
-  float* const at0 = t.scratch + 16;
-  float* const R[3] = {at0, at0 + kStride, at0 + 2 * kStride};
-  for (uint32_t i = 0; i < t.count; i += kLanes) {
-    const V3 I = unit(at(t.I, i)), N = towards(unit(at(t.N, i)), I);
-    put(R, i, sub(I, scale(N, 2.0f * dot(I, N))));
-  }
-  ask(t, R, 1);
-  const V3 ambient = scale(ambientLight(t), splat(t.Ka));
-  const V exponent = splat(1.0f / t.roughness);
-  for (uint32_t i = 0; i < t.count; i += kLanes) {
-    const V3 I = unit(at(t.I, i)), N = towards(unit(at(t.N, i)), I), Os = at(t.Os, i);
-    V3 none, specular;
-    reflect<false, true>(t, at(t.P, i), N, negative(I), exponent, none, specular);
-    put(t.Oi, i, Os);
-    put(t.Ci, i,
-        mul(mul(Os, at(t.Cs, i)),
-            add(add(ambient, scale(specular, splat(t.Ks))), scale(arrived(t, i), splat(t.Kr)))));
-  }
-}
-
-void handShiny(const HandTask& t) {
+namespace {
+/// Surfaces that reflect what is around them: one ray a point, then light loops and `mix` of their sums.
+/// mix(i, Cs, ambient, diffuse, specular) is the colour before Os; ambient and specular are weighted already.
+template <bool kDiffuse, class Mix>
+FR_INLINE void reflecting(const HandTask& t, const Mix& mix) {
   float* const at0 = t.scratch + 16;
   float* const R[3] = {at0, at0 + kStride, at0 + 2 * kStride};
   for (uint32_t i = 0; i < t.count; i += kLanes) {
@@ -89,34 +72,33 @@ void handShiny(const HandTask& t) {
   for (uint32_t i = 0; i < t.count; i += kLanes) {
     const V3 I = unit(at(t.I, i)), N = towards(unit(at(t.N, i)), I), Os = at(t.Os, i);
     V3 diffuse, specular;
-    reflect<true, true>(t, at(t.P, i), N, negative(I), exponent, diffuse, specular);
-    const V3 coat = add(scale(specular, splat(t.Ks)), scale(arrived(t, i), splat(t.Kr)));
+    reflect<kDiffuse, true>(t, at(t.P, i), N, negative(I), exponent, diffuse, specular);
     put(t.Oi, i, Os);
-    put(t.Ci, i,
-        mul(Os, add(mul(at(t.Cs, i), add(ambient, scale(diffuse, splat(t.Kd)))),
-                    mul(splat3(t.specularColor), coat))));
+    put(t.Ci, i, mul(Os, mix(i, at(t.Cs, i), ambient, diffuse, scale(specular, splat(t.Ks)))));
   }
+}
+}  // namespace
+
+void handMirror(const HandTask& t) {
+  reflecting<false>(
+      t, [&](uint32_t i, V3 Cs, V3 ambient, V3, V3 specular) __attribute__((always_inline)) {
+        return mul(Cs, add(add(ambient, specular), scale(arrived(t, i), splat(t.Kr))));
+      });
+}
+
+void handShiny(const HandTask& t) {
+  reflecting<true>(
+      t, [&](uint32_t i, V3 Cs, V3 ambient, V3 diffuse, V3 specular) __attribute__((always_inline)) {
+        const V3 coat = add(specular, scale(arrived(t, i), splat(t.Kr)));
+        return add(mul(Cs, add(ambient, scale(diffuse, splat(t.Kd)))), mul(splat3(t.specularColor), coat));
+      });
 }
 
 void handShinyMetal(const HandTask& t) {
-  float* const at0 = t.scratch + 16;
-  float* const R[3] = {at0, at0 + kStride, at0 + 2 * kStride};
-  for (uint32_t i = 0; i < t.count; i += kLanes) {
-    const V3 I = unit(at(t.I, i)), N = towards(unit(at(t.N, i)), I);
-    put(R, i, sub(I, scale(N, 2.0f * dot(I, N))));
-  }
-  ask(t, R, 1);
-  const V3 ambient = scale(ambientLight(t), splat(t.Ka));
-  const V exponent = splat(1.0f / t.roughness);
-  for (uint32_t i = 0; i < t.count; i += kLanes) {
-    const V3 I = unit(at(t.I, i)), N = towards(unit(at(t.N, i)), I), Os = at(t.Os, i);
-    V3 none, specular;
-    reflect<false, true>(t, at(t.P, i), N, negative(I), exponent, none, specular);
-    put(t.Oi, i, Os);
-    put(t.Ci, i,
-        mul(mul(Os, at(t.Cs, i)),
-            add(add(ambient, scale(specular, splat(t.Ks))), scale(at(t.rays->color, i), splat(t.Kr)))));
-  }
+  reflecting<false>(
+      t, [&](uint32_t i, V3 Cs, V3 ambient, V3, V3 specular) __attribute__((always_inline)) {
+        return mul(Cs, add(add(ambient, specular), scale(at(t.rays->color, i), splat(t.Kr))));
+      });
 }
 
 void handGlass(const HandTask& t) {

@@ -169,6 +169,7 @@ void blurDirection(const Vec& r, Vec& dx, Vec& dy, float blur) {
 }  // namespace
 
 std::string lookUpEnvironment(FrTextureFile& file, const FrTextureCall& call) {
+  if (beyondChannels(file, call)) return "";
   OIIO::TextureSystem& system = *file.textures->system;
   Accumulator all{file, optionsOf(file, call), system.get_perthread_info(), channelsOf(file, call)};
   const bool cube = file.info.kind == FR_TEXTURE_CUBE;

@@ -100,6 +100,9 @@ struct Channels {
   bool grey = false;
 };
 Channels channelsOf(const FrTextureFile& file, const FrTextureCall& call);
+/// The file has none of the channels that are asked for: fills the results and says so. OpenImageIO must not
+/// be asked then, it would read behind its tiles.
+bool beyondChannels(const FrTextureFile& file, const FrTextureCall& call);
 
 std::string openTextures(uint32_t kilobytes, FrTextures** out);
 void closeTextures(FrTextures* textures);

@@ -22,7 +22,15 @@ Channels channelsOf(const FrTextureFile& file, const FrTextureCall& call) {
   return {grey ? 1 : std::clamp(call.channelCount, 1, 3), grey};
 }
 
+bool beyondChannels(const FrTextureFile& file, const FrTextureCall& call) {
+  if (call.firstChannel < file.info.channels) return false;
+  for (int c = 0; c < call.channelCount; ++c)
+    std::fill_n(call.result + size_t(c) * call.resultStride, call.lanes, call.hasFill ? call.fill : 0.0f);
+  return true;
+}
+
 std::string lookUpTexture(FrTextureFile& file, const FrTextureCall& call) {
+  if (beyondChannels(file, call)) return "";
   OIIO::TextureSystem& system = *file.textures->system;
   auto* const thread = system.get_perthread_info();
   OIIO::TextureOpt options = optionsOf(file, call);
