@@ -246,8 +246,10 @@ Value Lower::binaryValue(const Expr& e, Want want) {
   }
   const auto [wantA, wantB] = operandTypes(e, want);
   const bool comparison = op != "+" && op != "-" && op != "*" && op != "/" && op != "." && op != "^";
+  const bool ordered = op == "<" || op == "<=" || op == ">" || op == ">=";  // of floats alone
   const auto wanted = [&](const Expr& side, SlType natural) {
     if (side.kind == ExprKind::kTuple) return Want{natural, true};
+    if (ordered) return Want{SlType::kFloat, false};
     return Want{comparison || op == "." || op == "^" ? SlType::kVoid : want.type, false};
   };
   Value a = expression(*e.args[0], wanted(*e.args[0], wantA));

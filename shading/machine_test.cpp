@@ -11,10 +11,12 @@ namespace {
 class MachineTest : public ::testing::Test {
  protected:
   /// Runs `body` (which sets float r from u, v) and compares with `want(u, v)` at every point, for many batch
-  /// sizes and at every optimisation level.
+  /// sizes, at every optimisation level, by kernels and by machine code.
   void expect(const std::string& body, const std::function<double(double, double)>& want,
               double tolerance = 1e-5, const std::string& before = "") {
-    for (int optimize : {0, 2}) {
+    for (int way = 0; way < 4; ++way) {
+      const int optimize = way < 2 ? 0 : 2;
+      f.native = way % 2 == 1;
       auto s = f.shader(before + "surface t() { float r = 0;\n" + body + "\nCi = color(r, r, r); }", {}, {},
                         optimize);
       ASSERT_TRUE(s) << f.error;
@@ -49,6 +51,74 @@ TEST_F(MachineTest, Conditionals) {
   // The condition's variable changes inside.
   expect("float c = u > 0.5 ? 1 : 0; if (c) { c = 0; r = 1; } else { c = 1; r = 2; }",
          [](double u, double) { return u > 0.5 ? 1 : 2; });
+}
+
+TEST_F(MachineTest, StatementsUnderMasks) {
+  // Each statement where only points with u > .5 are active; the others keep what they had.
+  const auto half = [&](const std::string& statement, const std::function<double(double, double)>& want,
+                        const std::string& before = "") {
+    SCOPED_TRACE(statement);
+    expect(
+        "r = -1; if (u > .5) { " + statement + " }",
+        [&](double u, double v) { return u > .5 ? want(u, v) : -1; }, 1e-5, before);
+    // The same as the other branch, and within a loop that the others have left.
+    expect(
+        "r = -1; if (u <= .5) ; else { " + statement + " }",
+        [&](double u, double v) { return u > .5 ? want(u, v) : -1; }, 1e-5, before);
+    expect(
+        "r = -1; float turn; for (turn = 0; turn < 1; turn += 1) { if (u <= .5) break; " + statement + " }",
+        [&](double u, double v) { return u > .5 ? want(u, v) : -1; }, 1e-5, before);
+  };
+  half("r = v;", [](double, double v) { return v; });
+  half("r += v; r *= 2;", [](double, double v) { return 2 * (v - 1); });
+  half("float k[3] = {1, 2, 3}; k[floor(2.9 * v)] = 7; r = k[0] + k[1] + k[2];",
+       [](double, double v) { return 6 - (1 + std::floor(2.9f * float(v))) + 7; });
+  half("color c = color (1, 2, 3); setcomp(c, 1, v); r = comp(c, 0) + comp(c, 1) + comp(c, 2);",
+       [](double, double v) { return 4 + v; });
+  half("matrix m = 1; setcomp(m, 2, 1, v); r = comp(m, 2, 1) + comp(m, 1, 1);",
+       [](double, double v) { return 1 + v; });
+  half("if (v > .5) r = 1; else r = 2;", [](double, double v) { return v > .5 ? 1 : 2; });
+  half("float i; r = 0; for (i = 0; i < 4; i += 1) { if (i == 1) continue; if (i > 2) break; r += i + 1; }",
+       [](double, double) { return 4; });
+  half("float i = 0; r = 0; while (i < v * 4) { i += 1; r += 1; }",
+       [](double, double v) { return std::ceil(v * 4); });
+  half(
+      "r = f(v);", [](double, double v) { return v > .5 ? 10 : 20 + v; },
+      "float f(float x) { if (x > .5) return 10; return 20 + x; }\n");
+  half(
+      "g(v, r);", [](double, double v) { return v > .5 ? 3 : 4; },
+      "void g(float x; output float y) { if (x > .5) { y = 3; return; } y = 4; }\n");
+  half("string s = \"abc\"; r = s == \"abc\" ? v : 9;", [](double, double v) { return v; });
+  half("float d = 5; if (rayinfo(\"depth\", d) != 0) r = d;", [](double, double) { return 0; });
+  half("r = 0; gather (\"samplepattern\", P, N, 0, 2) r += 100; else r += 1;",
+       [](double, double) { return 2; });
+  half("r = trace(P, N) > 1e30 ? v : 9;", [](double, double v) { return v; });
+  // Under the lights of this test there are none: the body never runs.
+  half("r = v; illuminance (P) { r = 9; }", [](double, double v) { return v; });
+}
+
+TEST_F(MachineTest, LightLoopsUnderMasks) {
+  // A light straight above each point, behind those with v > .5 of the cone's middle; half of the points do
+  // not ask.
+  for (const bool native : {false, true}) {
+    f.native = native;
+    const auto light = f.shader("light l() { solar (vector (0, 0, 1), 0) Cl = 2; }");
+    const auto s = f.shader(
+        "surface t() { float r = -1; if (u > .5) { r = 0; illuminance (P, normal (0, 0, v > .5 ? 1 : -1), PI "
+        "/ 2) {"
+        " if (v < .25) continue; r += comp(Cl, 0) + zcomp(L); } } Ci = r; }");
+    ASSERT_TRUE(light && s) << f.error;
+    for (const uint32_t n : {0u, 6u, 7u, 8u, 15u, 16u}) {
+      f.resize(n, n);
+      f.run(*s, {light.get()});
+      const Operand u = f.batch.globals[size_t(GlobalId::k_u)], v = f.batch.globals[size_t(GlobalId::k_v)];
+      for (uint32_t i = 0; i < f.count; ++i) {
+        // L leads to the light: (0, 0, -1).
+        const double lit = v.at(i) > .5f || v.at(i) < .25f ? 0 : 1;
+        EXPECT_EQ(f.Ci(i), u.at(i) > .5f ? lit : -1) << i << " of " << f.count << (native ? " native" : "");
+      }
+    }
+  }
 }
 
 TEST_F(MachineTest, Loops) {

@@ -238,6 +238,9 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
       " Ci = color (f(u), f(v), f(u * v)) + normalize(P) * 1e-30; Oi = 1; }",
       "surface c() { float k[4]; float i; for (i = 0; i < 4; i += 1) k[i] = u * i; Ci = k[floor(4 * v)]; Oi "
       "= 1; }",
+      // A variable that an operation writes directly, since all points are active or none is.
+      "surface u(float gain = 0;) { color c = Cs * u; if (gain == 1) c = mix(color (.1, .1, .5), Cs, v); Ci "
+      "= c; Oi = 1; }",
       // A value that is carried from turn to turn, and two that change places.
       "surface d() { float p = u, q = v, i; for (i = 0; i < 5; i += 1) { float r = p; p = q; q = r + .1 * i; "
       "}"

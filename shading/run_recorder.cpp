@@ -200,7 +200,9 @@ NodeIndex RunRecorder::readColumn(uint32_t part, uint32_t symbol, uint32_t compo
 void RunRecorder::writeColumn(uint32_t symbol, uint32_t component, NodeIndex value, bool masked) {
   Part& p = parts_[part_];
   const uint32_t column = p.exe->firstColumn(symbol) + component;
-  if (masked && mask_ != ones_) value = graph.select(mask_, value, current(part_, symbol, component));
+  // Operations without a mask, too: in a block that all points enter or none they may write a variable
+  // directly.
+  if (mask_ != ones_) value = graph.select(mask_, value, current(part_, symbol, component));
   if (p.values[column] == kUnknown) p.touched.push_back(column);
   p.values[column] = value;
   if (part_ == 0) written_.push_back({symbol, column, masked});

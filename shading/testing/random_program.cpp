@@ -448,7 +448,9 @@ class Writer {
         return pick(2) ? jump() : callStatement();
       case 6:
       case 7:
-        line(fmt::format("if ({}) {{", condition(2)));
+        // Conditions that are the same for all points are executed another way.
+        line(pick(3) ? fmt::format("if ({}) {{", condition(2))
+                     : fmt::format("if ({} < {}) {{", uniformNumber(1), uniformNumber(2)));
         block(depth);
         if (pick(2)) {
           line("} else {");
