@@ -257,6 +257,26 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
     }
 }
 
+TEST_F(NativeRuns, WhatIsSentToALightIsForgottenBehindTheLoop) {
+  MachineFixture f(7, 7);
+  const auto light = f.shader("light l(float k = 1) { illuminate (point (0, 0, -3)) Cl = k; }");
+  const auto s = f.shader(
+      "surface t() { float a = 0, b = 0, c = 0; illuminance (P) { a += comp(Cl, 0); }"
+      " illuminance (P, \"send:k\", 5) { b += comp(Cl, 0); } illuminance (P) { c += comp(Cl, 0); }"
+      " Ci = color (a, b, c); }");
+  ASSERT_TRUE(light && s) << f.error;
+  for (int batch = 0; batch < 2; ++batch) {
+    f.run(*s, {light.get()});
+    EXPECT_EQ(f.Ci(9, 0), 1);
+    EXPECT_EQ(f.Ci(9, 1), 5);
+    EXPECT_EQ(f.Ci(9, 2), 1);
+  }
+  // Another shader without options, in the same machine.
+  const auto plain = f.shader("surface p() { Ci = 0; illuminance (P) { Ci += Cl; } }");
+  f.run(*plain, {light.get()});
+  EXPECT_EQ(f.Ci(9, 0), 1);
+}
+
 TEST_F(NativeRuns, MadeAfterSomeBatches) {
   MachineFixture f(7, 7);
   f.native = false;

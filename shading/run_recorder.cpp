@@ -50,6 +50,8 @@ RunRecorder::RunRecorder(const Executable& exe, std::span<const RunLight> lights
   };
   add(exe);
   for (const RunLight& l : lights) add(*l.exe);
+  for (const Step& s : exe.steps())
+    sends_ = sends_ || (isLightLoop(s.op) && s.argCount != fixedOperands(s.op));
   clear();
 }
 
@@ -137,12 +139,15 @@ RunRecorder::Extent RunRecorder::blockOf(uint32_t part, uint32_t begin, uint32_t
   return {end + 1, nodes};
 }
 
-/// Loops over plain lights without options. The number of nodes is that of all turns.
+/// Loops over plain lights, in shaders that have no options for any of their light loops. The number of nodes
+/// is that of all turns.
 RunRecorder::Extent RunRecorder::lightsOf(uint32_t begin, uint32_t depth) const {
   const Executable& exe = *parts_[0].exe;
   const ShaderProgram& p = exe.program();
   const Step& s = exe.steps()[begin];
-  if (s.argCount != fixedOperands(s.op)) return {};
+  // Lights are lit by all the others, which its own code knows nothing of.
+  // Parameters that are sent to a light change what all of its columns hold.
+  if (p.type == ShaderType::kLight || sends_) return {};
   const bool ambient = s.op == Op::ambient_begin;
   if (!ambient) {
     const Symbol& category = p.symbol(p.operands(p.code[begin])[0]);

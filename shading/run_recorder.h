@@ -122,6 +122,7 @@ class RunRecorder final : public OperandRecorder {
   const Step* step_ = nullptr;
   std::vector<Written> written_;
   std::vector<recorded::Operand> operands_;
+  bool sends_ = false;  // a light loop has options
   bool failed_ = false, readsLights_ = false;
   uint32_t steps_ = 0, varyingSteps_ = 0;
   std::vector<std::array<NodeIndex, 7>> lightsAsked_;  // light, Ps, N
