@@ -129,6 +129,11 @@ float collapseMargin(const DiceRate& rate, const Box3f& box) {
   if (rate.perspective) {
     const Vec3 far = glm::max(glm::abs(box.min - rate.eye), glm::abs(box.max - rate.eye));
     distance = std::max(std::sqrt(glm::dot(far, far)), std::sqrt(rate.nearSquared));
+  } else {
+    for (int i = 0; i < 8; ++i) {
+      const Vec3 p = box.corner(i) - rate.eye;
+      distance = std::max(distance, 1 / rate.cylinderWeight(p, p));
+    }
   }
   return 3.0f * distance / rate.scale;
 }

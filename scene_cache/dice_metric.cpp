@@ -24,18 +24,16 @@ DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera) {
       std::abs(double(camera.screenWindow[3]) - camera.screenWindow[2]) / std::max(1, camera.resolution[1]);
   e.pixel = std::sqrt(px * py) * tangent;
   if (!(e.pixel > 0) || !std::isfinite(e.pixel)) e.pixel = 1e-3;
-  if (e.perspective) {
-    const auto largest = [](float a, float b) { return double(std::max(std::abs(a), std::abs(b))); };
-    const double x = largest(camera.screenWindow[0], camera.screenWindow[1]) * tangent;
-    const double y = largest(camera.screenWindow[2], camera.screenWindow[3]) * tangent;
-    e.cone = std::atan(std::sqrt(x * x + y * y)) * 1.05;  // a margin for filters and displacement
-    const DVec3 forward = glm::transpose(DMat3(cacheToCamera)) * DVec3(0, 0, 1);
-    const double length = glm::length(forward);
-    if (length > 0 && std::isfinite(length) && std::isfinite(e.cone)) {
-      e.axis = forward / length;
-    } else {
-      e.cone = 3.2;
-    }
+  const auto largest = [](float a, float b) { return double(std::max(std::abs(a), std::abs(b))); };
+  const double x = largest(camera.screenWindow[0], camera.screenWindow[1]) * tangent;
+  const double y = largest(camera.screenWindow[2], camera.screenWindow[3]) * tangent;
+  const double corner = std::sqrt(x * x + y * y);
+  const DVec3 forward = glm::transpose(DMat3(cacheToCamera)) * DVec3(0, 0, 1);
+  const double length = glm::length(forward);
+  if (length > 0 && std::isfinite(length) && std::isfinite(corner) && corner > 0) {
+    e.axis = forward / length;
+    // A margin for filters and displacement.
+    e.perspective ? e.cone = std::atan(corner)* 1.05 : e.radius = corner * 1.05;
   }
   // A near plane of almost nothing must not ask for infinitely fine grids around the eye.
   e.nearDistance = std::max(double(camera.clipping[0]), 1e-6) / unit;
@@ -49,6 +47,7 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   r.perspective = eye.perspective;
   r.axis = Vec3(eye.axis);
   r.cone = float(eye.cone);
+  r.radius = float(eye.radius);
   const double nearest = std::max(eye.nearDistance, 1e-15);
   r.nearSquared = float(nearest * nearest);
   const double shadingRate = a.shadingRate > 0 && std::isfinite(a.shadingRate) ? a.shadingRate : 1.0;
@@ -66,7 +65,7 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
 
 DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType type, float fixedRate) {
   DiceRate r = diceRate(eye, a, type);
-  if (fixedRate > 0) r.perspective = false, r.scale = fixedRate;
+  if (fixedRate > 0) r.perspective = false, r.radius = 1e30f, r.scale = fixedRate;
   return r;
 }
 
@@ -76,7 +75,7 @@ float DiceRate::segment(Vec3 a, Vec3 b) const {
   if (swap) std::swap(a, b);
   const Vec3 d = b - a;
   const float square = glm::dot(d, d);
-  if (!perspective) return std::sqrt(square) * scale;
+  if (!perspective) return std::sqrt(square) * scale * cylinderWeight(a - eye, b - eye);
   const Vec3 e = eye - a;
   const float t = square > 0 ? std::clamp(glm::dot(e, d) / square, 0.0f, 1.0f) : 0.0f;
   const Vec3 nearest = e - d * t;
@@ -101,6 +100,15 @@ float DiceRate::viewWeight(Vec3 a, Vec3 b) const {
   if (t > 0 && t < 1) cosine = std::max(cosine, cosineAt(t));
   const float outside = std::acos(std::clamp(cosine, -1.0f, 1.0f)) - cone;
   return outside > 0 ? std::max(kLeast, 1 / (1 + 3 * outside / cone)) : 1.0f;
+}
+
+float DiceRate::cylinderWeight(Vec3 a, Vec3 b) const {
+  a -= axis * glm::dot(a, axis), b -= axis * glm::dot(b, axis);
+  const Vec3 d = b - a;
+  const float square = glm::dot(d, d);
+  const float t = square > 0 ? std::clamp(-glm::dot(a, d) / square, 0.0f, 1.0f) : 0.0f;
+  const float distance = glm::length(a + d * t);
+  return distance > radius ? radius / distance : 1.0f;
 }
 
 float DiceRate::curve(const float* x, const float* y, const float* z, size_t stride) const {

@@ -15,7 +15,8 @@ struct DiceEye {
   double pixel = 1e-3;         // edge of a pixel in world units, at distance 1 (orthographic: everywhere)
   double nearDistance = 1e-3;  // distances count as at least this
   DVec3 axis{0, 0, 1};         // where it looks, unit
-  double cone = 3.2;  // half angle of the cone around the frustum, radians; above pi: sees everything
+  double cone = 3.2;     // half angle of the cone around the frustum, radians; above pi: sees everything
+  double radius = 1e30;  // orthographic: of the cylinder around what it sees
 };
 /// cacheToCamera at shutter open.
 DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
@@ -37,6 +38,7 @@ struct DiceRate {
   float scale = 1;        // micropolygons = length / distance * scale
   Vec3 axis{0, 0, 1};     // of the camera's cone
   float cone = 3.2f;      // its half angle
+  float radius = 1e30f;   // orthographic: of the camera's cylinder
   float undicedEdge = 1;  // an edge up to this many micropolygons stays whole
   float flatness = 0;     // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
@@ -50,6 +52,10 @@ struct DiceRate {
   /// Factor of the metric: 1 where the segment comes into the camera's cone, less outside. a and b relative
   /// to the eye.
   float viewWeight(Vec3 a, Vec3 b) const;
+  /// The same for orthographic cameras: 1 in the cylinder, outside as the radius to the distance. There
+  /// nothing else makes distant things coarse, and a ground plane may be a thousand times as wide as the
+  /// view.
+  float cylinderWeight(Vec3 a, Vec3 b) const;
   /// Segments of an edge with this metric, as a power of two; may be above kMaxGridLog2.
   int log2Segments(float metric) const;
 };

@@ -220,6 +220,25 @@ TEST(Grid, MicropolygonsAreAboutAPixel) {
 }
 
 // What only rays can see is rated by its distance too, up to four times coarser.
+// Nothing but its distance from what an orthographic camera sees makes a ground plane coarse: within the
+// cylinder around the view its micropolygons are what they are for a small plane, outside as much larger as
+// they are farther.
+TEST(Grid, AGroundPlaneUnderAnOrthographicCameraEnds) {
+  const auto micropolygons = [](double size) {
+    DiceScene scene(diceWorld(
+        "Format 100 100 1\nProjection \"orthographic\"\nScreenWindow -2 2 -2 2\nShadingRate 4\n"
+        "Rotate -60 1 0 0\nTranslate 0 -1 5\n",
+        fmt::format("Patch \"bilinear\" \"P\" [-{0} 0 -{0} {0} 0 -{0} -{0} 0 {0} {0} 0 {0}]", size)));
+    scene.forEachGrid([](NodeId, const GridRecord&) {});
+    return double(scene.cache->statistics().micropolygonsDiced);
+  };
+  // The plane's area in micropolygons of 0.08 units; then 2 pi R^2 (ln L - ln R) of them outside a radius
+  // of 3. Powers of two, and edges rated by their nearest place, may make it eight times as many.
+  EXPECT_GT(micropolygons(2), 4 * 4 / 0.0064);
+  const double expected = 9 * 6.3 / 0.0064 * std::log(1e5 / 3);
+  EXPECT_LT(micropolygons(1e5), 8 * expected);
+}
+
 TEST(Grid, BehindTheEyeIsDicedToo) {
   const auto grids = [](const std::string& turn) {
     DiceScene scene(

@@ -129,6 +129,10 @@ float SceneBuilder::sharedRate(const Retained& known, const AttributeRecord& att
     wanted *= double(rate.viewWeight(middle, middle)) / std::sqrt(near * far);
   }
   const DVec3 size = box.max - box.min;
+  if (!rate.perspective) {
+    const Vec3 middle(box.center() - w.eye->position);
+    wanted *= double(rate.cylinderWeight(middle, middle));
+  }
   const double across = std::sqrt(glm::dot(size, size)) * wanted;
   if (!(std::max(double(known.faces), 0.25 * across * across) >= kLeastMicropolygons)) return 0;
   wanted *= largestStretch(objectToCache);

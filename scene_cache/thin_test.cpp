@@ -101,6 +101,20 @@ TEST(Points, BadOnesAreReportedAndLeftOut) {
   });
 }
 
+TEST(Points, FaceAnOrthographicCameraWhereverItLooks) {
+  // It looks along the world's x axis.
+  DiceScene s(diceWorld("Format 100 100 1\nProjection \"orthographic\"\nRotate 90 0 1 0\nTranslate 5 0 0\n",
+                        "Points \"P\" [0 0 0] \"constantwidth\" [0.5]\n"));
+  size_t seen = 0;
+  s.forEachGrid([&](NodeId, const GridRecord& g) {
+    ++seen;
+    EXPECT_NEAR(g.bound.max.x - g.bound.min.x, 0, 1e-3);
+    EXPECT_NEAR(g.bound.max.y - g.bound.min.y, 0.5, 0.02);
+    EXPECT_NEAR(g.bound.max.z - g.bound.min.z, 0.5, 0.02);
+  });
+  EXPECT_EQ(seen, 1u);
+}
+
 /// Rows of a scene's only curve, in order: the two ends of each.
 struct Rows {
   std::vector<std::pair<Vec3, Vec3>> rows;
