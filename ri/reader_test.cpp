@@ -75,6 +75,13 @@ TEST(Reader, BuiltInNamesOfOptionsAndAttributes) {
   EXPECT_TRUE(p->reports.errors.empty()) << p->reports.str();
 }
 
+TEST(Reader, NumbersThatMakeNoWholeValueAreLeftOut) {
+  const auto p = parse("LightSource \"distantlight\" 3 \"from\" [0 1 0 7] \"to\" [0 0 0]");
+  EXPECT_EQ(p->rib,
+            "LightSource \"distantlight\" 3 \"uniform point from\" [0 1 0] \"uniform point to\" [0 0 0]\n");
+  EXPECT_EQ(p->reports.count(RiError::kConsistency), 1) << p->reports.str();
+}
+
 TEST(Reader, UnknownRequestIsSkippedAndSaidOnce) {
   const auto p = parse("Foo \"a\" [1 2 \"x\"] 7\nSides 1\nFoo\nSides 2");
   EXPECT_EQ(p->rib, "Sides 1\nSides 2\n");

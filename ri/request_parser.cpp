@@ -464,6 +464,16 @@ ParamList RequestParser::params(std::string_view context, bool primitive) {
                                               d->str(), p.name, p.elementCount(), d->width()));
       continue;
     }
+    if (const size_t extra = p.elementCount() % p.declaration.width(); !primitive && extra > 0) {
+      warn(RiError::kConsistency,
+           fmt::format("\"{} {}\" has {} numbers or strings, which are no whole values; the "
+                       "last {} are ignored",
+                       p.declaration.str(), p.name, p.elementCount(), extra));
+      const auto shorten = [extra](auto& values) {
+        if (values.size() >= extra) values.resize(values.size() - extra);
+      };
+      shorten(p.floats), shorten(p.ints), shorten(p.strings);
+    }
     list.set(std::move(p));
   }
   return list;
