@@ -70,6 +70,25 @@ std::vector<double> heightFieldAbscissae(uint32_t count, uint32_t patches, uint3
 
 }  // namespace
 
+namespace {
+
+/// Turns beyond the first lie on it, and a million of them would be a million spheres. True when one was cut.
+bool clampSweeps(std::vector<Quadric>& keys) {
+  bool cut = false;
+  const auto clamp = [&cut](double& angle, double from) {
+    const double allowed = std::clamp(angle, from - 360, from + 360);
+    cut = cut || allowed != angle;
+    angle = allowed;
+  };
+  for (Quadric& q : keys) {
+    clamp(q.p[quadricParameterCount(q.type) - 1], 0);
+    if (q.type == PrimitiveType::kTorus) clamp(q.p[3], q.p[2]);
+  }
+  return cut;
+}
+
+}  // namespace
+
 Result<void> addQuadric(Adding& a) {
   std::vector<Quadric> keys;
   for (size_t k = 0; k < a.keyCount(); ++k) keys.push_back(*quadricOf(a.key(k)));
@@ -81,8 +100,9 @@ Result<void> addQuadric(Adding& a) {
       if (!std::isfinite(x))
         return a.error(RiError::kRange, "a dimension is not a finite number; the primitive is left out");
     }
-    params.insert(params.end(), q.p, q.p + 8);
   }
+  if (clampSweeps(keys)) a.warn(RiError::kRange, "an angle is more than a full turn; a full turn is drawn");
+  for (const Quadric& q : keys) params.insert(params.end(), q.p, q.p + 8);
   Box3f box;
   for (size_t i = 0; i < a.toCache.size(); ++i) {
     const KeySpan k = findKeys(a.keyTimes(), uint32_t(keys.size()), a.gridTimes[i]);

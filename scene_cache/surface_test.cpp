@@ -101,6 +101,19 @@ const float kCatmullRom[16] = {-0.5f, 1.5f, -1.5f, 0.5f, 1, -2.5f, 2, -0.5f, -0.
 const float kHermite[16] = {2, 1, -2, 1, -3, -2, 3, -1, 0, 1, 0, 0, 1, 0, 0, 0};
 const float kPower[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
+TEST(Quadrics, MoreThanAFullTurnIsOne) {
+  const auto micropolygons = [](const std::string& quadric, size_t reports) {
+    DiceScene s(diceWorld(diceCamera(5), quadric));
+    EXPECT_EQ(s.reports.size(), reports) << quadric;
+    s.forEachGrid([](NodeId, const GridRecord&) {});
+    return s.cache->statistics().micropolygonsDiced;
+  };
+  EXPECT_EQ(micropolygons("Sphere 1 -1 1 1e9", 1), micropolygons("Sphere 1 -1 1 360", 0));
+  EXPECT_EQ(micropolygons("Cylinder 1 -1 1 -1e9", 1), micropolygons("Cylinder 1 -1 1 -360", 0));
+  EXPECT_EQ(micropolygons("Torus 1 .3 0 1e9 360", 1), micropolygons("Torus 1 .3 0 360 360", 0));
+  EXPECT_EQ(micropolygons("Torus 1 .3 -180 180 360", 0), micropolygons("Torus 1 .3 180 -180 360", 0));
+}
+
 TEST(PatchBasis, EveryBasisGivesItsCurve) {
   const double g[4] = {0.3, -1.25, 2.5, 0.75};
   for (const float* basis : {kBezier, kBSpline, kCatmullRom, kHermite, kPower}) {
