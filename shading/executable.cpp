@@ -151,8 +151,10 @@ void Executable::placeSymbols() {
   }
 }
 
-const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf ownerOf,
-                                     const void* owner) const {
+const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf ownerOf, const void* owner,
+                                     bool& final) const {
+  final = true;
+  if (!nativeCodeAvailable()) return nullptr;
   std::unique_lock lock(nativeMutex_);
   const auto known = std::find_if(natives_.begin(), natives_.end(), [&](const auto& n) {
     return std::equal(n->lights.begin(), n->lights.end(), lights.begin(), lights.end());
@@ -164,6 +166,7 @@ const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf o
     n.lights.assign(lights.begin(), lights.end());
     for (uint32_t k = 0; k < lights.size(); ++k) n.owners.push_back(ownerOf(owner, k));
   }
+  final = n.done;
   if (n.tried) return n.code.get();
   if (!nativeAtOnce_.load(std::memory_order_relaxed) && n.batches++ < kBatchesBeforeNative) return nullptr;
   n.tried = true;
@@ -171,6 +174,7 @@ const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf o
   std::unique_ptr<const NativeCode> code = NativeCode::compile(*this, n.lights);
   lock.lock();
   n.code = std::move(code);
+  final = n.done = true;
   return n.code.get();
 }
 

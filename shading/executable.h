@@ -66,11 +66,15 @@ class Executable {
 
   /// The program as machine code for batches that are lit by `lights`, nullptr until there is any. Asked once
   /// for a batch: after some batches the code is made, by the thread that asks then, while others go on
-  /// without. Thread-safe. `owner`(k): the executable of light k, which the code keeps alive.
+  /// without. Thread-safe. `owner`(k): the executable of light k, which the code keeps alive. `final`: set
+  /// when the answer will not change any more.
   template <class Owner>
-  const NativeCode* native(std::span<const RunLight> lights, const Owner& owner) const {
+  const NativeCode* native(std::span<const RunLight> lights, const Owner& owner,
+                           bool* final = nullptr) const {
+    bool ignored;
     return native(
-        lights, [](const void* o, uint32_t k) { return (*static_cast<const Owner*>(o))(k); }, &owner);
+        lights, [](const void* o, uint32_t k) { return (*static_cast<const Owner*>(o))(k); }, &owner,
+        final ? *final : ignored);
   }
   /// Without lights.
   const NativeCode* native() const {
@@ -92,7 +96,8 @@ class Executable {
 
  private:
   using OwnerOf = std::shared_ptr<const Executable> (*)(const void* owner, uint32_t light);
-  const NativeCode* native(std::span<const RunLight> lights, OwnerOf ownerOf, const void* owner) const;
+  const NativeCode* native(std::span<const RunLight> lights, OwnerOf ownerOf, const void* owner,
+                           bool& final) const;
   void inferClasses(const std::vector<std::string>& varyingParameters);
   bool followControl(std::vector<char>& leaves, bool inferring);
   void placeSymbols();
@@ -114,7 +119,7 @@ class Executable {
     std::vector<RunLight> lights;
     std::vector<std::shared_ptr<const Executable>> owners;
     uint32_t batches = 0;
-    bool tried = false;
+    bool tried = false, done = false;        // compilation has begun; has ended
     std::unique_ptr<const NativeCode> code;  // once made it stays
   };
   mutable std::mutex nativeMutex_;

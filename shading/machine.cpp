@@ -117,11 +117,14 @@ const NativeCode* Machine::nativeCode(const ShaderInstance& shader) {
       runLights_.push_back(
           {l.instance->exe.get(), l.instance->exe->plainLight() && !l.instance->shadows && !l.emitter});
     }
-  LastNative& last = lastNative_;
-  if (last.code && last.exe == shader.exe && last.lights == runLights_) return last.code;
-  last.code = shader.exe->native(runLights_, [&](uint32_t k) { return lights_[k]->instance->exe; });
-  last.exe = shader.exe, last.lights = runLights_;
-  return last.code;
+  const auto address = reinterpret_cast<uintptr_t>(shader.exe.get());
+  KnownNative& known = knownNatives_[(address >> 6 ^ address >> 11) % knownNatives_.size()];
+  if (known.exe == shader.exe && known.lights == runLights_) return known.code;
+  bool final = false;
+  const NativeCode* const code = shader.exe->native(
+      runLights_, [&](uint32_t k) { return lights_[k]->instance->exe; }, &final);
+  if (final) known = {shader.exe, runLights_, code};
+  return code;
 }
 
 Machine::Status Machine::run() {

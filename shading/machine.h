@@ -5,6 +5,7 @@
 // call, also one in a light shader that an illuminance loop in a user function called for.
 #pragma once
 
+#include <array>
 #include <span>
 #include <unordered_set>
 
@@ -272,7 +273,7 @@ class Machine {
     bool result;
   };
   std::vector<Matched> matched_;
-  ShaderValue answered_;  // by attribute(), option() and their kin
+  ShaderValue answered_;       // by attribute(), option() and their kin
   AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
   AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
   AlignedFloats missColor_;    // of rays that hit nothing, see lookUpEnvironment()
@@ -284,12 +285,14 @@ class Machine {
   std::vector<Vec2> pairs_;  // random numbers for points of a light
   struct ShadeopCalls;       // buffers for calls of shared objects
   std::unique_ptr<ShadeopCalls> shadeopCalls_;
-  /// The machine code of the last batch, which the next one is likely to want too.
-  struct LastNative {
+  /// Machine code of the programs that ran last, so that nobody has to be asked for it; by address of the
+  /// program.
+  struct KnownNative {
     std::shared_ptr<const Executable> exe;
     std::vector<RunLight> lights;
     const NativeCode* code = nullptr;
-  } lastNative_;
+  };
+  std::array<KnownNative, 16> knownNatives_;
   std::vector<RunLight> runLights_;
   std::vector<float*> columns_;  // of the surface and its lights
   bool columnsKnown_ = false;
