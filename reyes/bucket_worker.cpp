@@ -27,10 +27,16 @@ class Timer {
 /// other work while a batch is traced.
 constexpr size_t kTasksWithRays = 8, kPendingWithRays = 4;
 
-/// Copies a plane of shaded values; what is not a number would spread through the filter, so it becomes 0.
-void copyValues(const float* from, size_t n, std::vector<float>& to) {
+/// Appends a plane of shaded values to `to`; what is not a number would spread through the filter, so it
+/// becomes 0.
+void copyValues(const float* from, const ShadedGrid& grid, std::vector<float>& to) {
   const size_t first = to.size();
-  to.insert(to.end(), from, from + n);
+  if (grid.stride.all()) {
+    to.insert(to.end(), from, from + grid.points);
+  } else {
+    to.resize(first + grid.points);
+    spreadShading(*grid.record, grid.stride, from, to.data() + first);
+  }
   bool bad = false;
   for (size_t i = first; i < to.size(); ++i)
     if (!std::isfinite(to[i])) to[i] = 0, bad = true;
@@ -126,10 +132,16 @@ bool BucketWorker::startGrid() {
       ShadePoints points;
       const bool meshlet = record.kind == cache::GridKind::kMeshlet;
       points.topology = meshlet ? ShadePoints::Topology::kMeshlet : ShadePoints::Topology::kGrid;
-      points.count = work_.scene->cache->view(record).vertexCount();
+      const cache::GridView view = work_.scene->cache->view(record);
+      grid->points = view.vertexCount();
       points.grid = &record;
+      const cache::AttributeId attributes = work_.scene->cache->objectOf(grid->node).attributes;
+      grid->stride =
+          shadingStride(work_.scene->space.open(), view, work_.scene->traits[attributes].shadingArea);
+      points.strideU = grid->stride.u, points.strideV = grid->stride.v;
+      points.count = grid->stride.all() ? grid->points : points.gridPoints();
+      task->points = points.count;
       points.gridSeed = hashStep(work_.options->seed, patchRank(work_.scene->cache->node(grid->node)));
-      grid->points = points.count;
       task->task.begin(points);
       advance(std::move(task));
       return true;
@@ -233,12 +245,12 @@ void BucketWorker::finishGrid(GridTask& task) {
   ShadedGrid& g = *task.grid;
   const cache::AttributeId attributes = work_.scene->cache->objectOf(g.node).attributes;
   g.color.reserve(3 * g.points);
-  for (int c = 0; c < 3; ++c) copyValues(task.task.color(c), g.points, g.color);
+  for (int c = 0; c < 3; ++c) copyValues(task.task.color(c), g, g.color);
   if (!work_.scene->traits[attributes].opaque)
-    for (int c = 0; c < 3; ++c) copyValues(task.task.opacity(c), g.points, g.opacity);
+    for (int c = 0; c < 3; ++c) copyValues(task.task.opacity(c), g, g.opacity);
   for (const OutputChannel& o : work_.outputs) {
     if (const float* values = task.task.output(o.variable, o.component)) {
-      copyValues(values, g.points, g.outputs);
+      copyValues(values, g, g.outputs);
     } else {
       g.outputs.insert(g.outputs.end(), g.points, 0.0f);
       reportOnce(
@@ -249,7 +261,7 @@ void BucketWorker::finishGrid(GridTask& task) {
                 fmt::format("some surface shaders have no output variable \"{}\": 0 there", o.variable)});
     }
   }
-  ++statistics_.gridsShaded, statistics_.pointsShaded += g.points;
+  ++statistics_.gridsShaded, statistics_.pointsShaded += task.points;
   g.publish();
   work_.signal();
 }

@@ -62,6 +62,7 @@ class BucketWorker {
     explicit GridTask(ShadingSystem& s) : task(s) {}
     ShadeTask task;
     ShadedGrid* grid = nullptr;
+    size_t points = 0;          // of the grid that are shaded
     RayQuery* query = nullptr;  // nullptr while it waits for a free block
   };
 

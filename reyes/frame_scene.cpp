@@ -1,8 +1,10 @@
 #include "reyes/frame_scene.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/random.h"
+#include "imaging/frame_request.h"
 
 namespace fr::reyes {
 namespace {
@@ -98,6 +100,8 @@ std::vector<SurfaceTraits> surfaceTraits(const cache::SceneCache& cache, const S
     // Seen from its front (N towards the eye) a micropolygon's raster area is positive, y down, when N is
     // dPdu x dPdv.
     if (a.sides == 1) t.cullSign = a.flags & cache::kReverseOrientation ? 1 : -1;
+    if (frameFloatOption(cache.skeleton(), a.attributes, "dice:rasterorient", 1) != 0)
+      t.shadingArea = a.shadingRate > 0 && std::isfinite(a.shadingRate) ? a.shadingRate : 1.0f;
     all.push_back(t);
   }
   return all;

@@ -19,6 +19,9 @@ struct SurfaceTraits {
   bool smooth = false;  // ShadingInterpolation "smooth"
   bool visible = true;  // to the camera
   int cullSign = 0;     // as RasterTriangles::cullSign
+  /// ShadingRate: pixels that a shaded cell may cover; 0: every vertex is shaded, whatever its size on the
+  /// raster (Attribute "dice" "rasterorient" 0).
+  float shadingArea = 0;
 };
 
 /// Root patches by the tiles they may cover. Immutable once made; thread-safe.

@@ -41,10 +41,11 @@ void ShadeTask::begin(const ShadePoints& points) {
     impl_->values[c].assign(points.count, a.color[int(c)] * a.opacity[int(c)]);
     impl_->values[3 + c].assign(points.count, a.opacity[int(c)]);
   }
-  const size_t columns =
-      points.topology == ShadePoints::Topology::kGrid ? size_t(points.grid->nu) + 1 : points.count;
+  const bool grid = points.topology == ShadePoints::Topology::kGrid;
+  const size_t columns = grid ? points.grid->nu + 1u : points.count;
   for (size_t i = 0; i < points.count; ++i) {
-    const float* p = view.positions + (i / columns * points.grid->rowStride + i % columns) * 3;
+    const size_t vertex = grid ? points.vertexOf(i) : i;
+    const float* p = view.positions + (vertex / columns * points.grid->rowStride + vertex % columns) * 3;
     impl_->values[0][i] *= 0.5f + 0.5f * std::sin(5 * p[0] + 3 * p[1] + 4 * p[2]);
   }
 }

@@ -15,6 +15,7 @@
 
 #include "imaging/film.h"
 #include "reyes/raster_space.h"
+#include "reyes/shading_stride.h"
 #include "scene_cache/cache.h"
 
 namespace fr::reyes {
@@ -28,8 +29,9 @@ struct ShadedGrid {
   /// that worker; pairs with the acquire loads of the tiles that read the values.
   std::atomic<State> state{State::kEmpty};
   std::atomic<int> tilesLeft{0};
-  /// Colour (3), opacity (3; empty when opaque), output channels: planes of `points` values.
+  /// Colour (3), opacity (3; empty when opaque), output channels: planes of `points` values, one a vertex.
   size_t points = 0;
+  ShadingStride stride;
   std::vector<float> color, opacity, outputs;
 
   bool claim() {

@@ -108,7 +108,8 @@ void ShadeTask::begin(const ShadePoints& points) {
   impl_->surface = &current->surfaces[current->patches[node.node.root].surface];
   for (auto& v : impl_->values) v.resize(points.count);
   for (size_t i = 0; i < points.count; ++i) {
-    const Color c = impl_->surface->color(node.grid->positions[i]);
+    const bool grid = points.topology == ShadePoints::Topology::kGrid;
+    const Color c = impl_->surface->color(node.grid->positions[grid ? points.vertexOf(i) : i]);
     for (int k = 0; k < 3; ++k) {
       impl_->values[k][i] = c[k] * impl_->surface->opacity[k];
       impl_->values[3 + k][i] = impl_->surface->opacity[k];

@@ -180,10 +180,29 @@ const float* PointColumns::primvar(std::string_view name, uint32_t component) co
   return any ? primvar_[component % 3].data() : nullptr;
 }
 
+/// Addresses of the vertices that are shaded, of a grid or a meshlet.
+void PointColumns::vertexAddresses(const ShadePoints& points) {
+  const cache::GridRecord& grid = *points.grid;
+  if (points.strideU == 1 && points.strideV == 1) {
+    system_.scene.vertexParameters(grid, cells_.data(), patchU_.data(), patchV_.data());
+    return;
+  }
+  const size_t all = system_.scene.view(grid).vertexCount();
+  gridCells_.resize(all), gridU_.resize(all), gridV_.resize(all);
+  system_.scene.vertexParameters(grid, gridCells_.data(), gridU_.data(), gridV_.data());
+  for (uint32_t i = 0; i < count_; ++i) {
+    const size_t from = points.vertexOf(i);
+    cells_[i] = gridCells_[from], patchU_[i] = gridU_[from], patchV_[i] = gridV_[from];
+  }
+}
+
 void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
   const bool hits = points.topology == ShadePoints::Topology::kHits;
-  const uint32_t n = uint32_t(
-      std::min(hits ? points.count : system_.scene.view(*points.grid).vertexCount(), kMaxShadePoints));
+  const bool strided = !hits && (points.strideU > 1 || points.strideV > 1);
+  const uint32_t n = uint32_t(std::min(hits      ? points.count
+                                       : strided ? points.gridPoints()
+                                                 : system_.scene.view(*points.grid).vertexCount(),
+                                       kMaxShadePoints));
   const uint32_t period = padLanes(n);
   const bool triple = hits && setup.usesDerivatives;
   reset(n, triple ? 3 * period : period, setup);
@@ -213,17 +232,19 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
     const bool meshlet = grid.kind == cache::GridKind::kMeshlet, sprites = grid.flags & cache::kGridSprites;
     const cache::PrimitiveType type = scene.objectOf(grid.node).type;
     const bool thin = type == cache::PrimitiveType::kPoints || type == cache::PrimitiveType::kCurves;
-    scene.vertexParameters(grid, cells_.data(), patchU_.data(), patchV_.data());
+    vertexAddresses(points);
     std::fill_n(nodes_.begin(), n, grid.node);
-    const uint32_t row = meshlet ? kMaxRowPoints : grid.nu + 1u;
+    const uint32_t nu = meshlet ? 0 : grid.nu / points.strideU, nv = meshlet ? 0 : grid.nv / points.strideV;
+    const uint32_t row = meshlet ? kMaxRowPoints : nu + 1u;
     for (uint32_t i = 0; i < n; ++i) {
-      const size_t at = meshlet ? i : size_t(i / row) * grid.rowStride + i % row;
+      const size_t vertex = meshlet ? i : points.vertexOf(i);
+      const size_t at = meshlet ? i : vertex / (grid.nu + 1u) * grid.rowStride + vertex % (grid.nu + 1u);
       const Vec3 P = view.vertex(at);
       for (uint32_t c = 0; c < 3; ++c) {
         column(kP + c)[i] = P[int(c)];
-        if (view.normals) column(kN + c)[i] = view.normals[3 * size_t(i) + c];
+        if (view.normals) column(kN + c)[i] = view.normals[3 * vertex + c];
       }
-      seeds_[i] = hashStep(points.gridSeed, i);
+      seeds_[i] = hashStep(points.gridSeed, vertex);
     }
     const bool displaced = view.normals != nullptr || setup.displaced;
     const bool faceted = meshlet && !thin;  // derivatives along the sides of triangles
@@ -247,14 +268,14 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
         }
         return widest / float(std::max(1u, cells));
       };
-      const float patchDu = span(patchU_.data(), grid.nu, 1, grid.nv, row);
-      const float patchDv = span(patchV_.data(), grid.nv, row, grid.nu, 1);
-      du = needParameters ? span(column(kU), grid.nu, 1, grid.nv, row) : patchDu;
-      dv = needParameters ? span(column(kV), grid.nv, row, grid.nu, 1) : patchDv;
+      const float patchDu = span(patchU_.data(), nu, 1, nv, row);
+      const float patchDv = span(patchV_.data(), nv, row, nu, 1);
+      du = needParameters ? span(column(kU), nu, 1, nv, row) : patchDu;
+      dv = needParameters ? span(column(kV), nv, row, nu, 1) : patchDv;
       if (du == 0 || !std::isfinite(du)) du = patchDu != 0 ? patchDu : 1;
       if (dv == 0 || !std::isfinite(dv)) dv = patchDv != 0 ? patchDv : 1;
       scaleU = patchDu / du, scaleV = patchDv / dv;  // dPdu is per unit of the patch's own u
-      gridStencil(stencil_, grid.nu, grid.nv, lanes_, du, dv, needParameters ? column(kU) : nullptr,
+      gridStencil(stencil_, nu, nv, lanes_, du, dv, needParameters ? column(kU) : nullptr,
                   needParameters ? column(kV) : nullptr);
     }
     std::fill_n(column(kDu), lanes_, du), std::fill_n(column(kDv), lanes_, dv);

@@ -68,6 +68,7 @@ class PointColumns final : public PointVariables {
   };
   float* column(uint32_t c) { return memory_.data() + size_t(c) * lanes_; }
   Operand operand(uint32_t c) { return {column(c), lanes_, ~0u}; }
+  void vertexAddresses(const ShadePoints& points);
   void reset(uint32_t points, uint32_t lanes, const ShadeSetup& setup);
   void evaluate(uint32_t first, uint32_t n, bool diced);
   void toCurrent(uint32_t c, bool normal);
@@ -91,8 +92,8 @@ class PointColumns final : public PointVariables {
   AlignedFloats memory_, undisplaced_;
   std::vector<int32_t> maskMemory_;
   std::vector<cache::NodeId> nodes_;
-  std::vector<uint32_t> cells_;
-  std::vector<float> patchU_, patchV_, distance_;
+  std::vector<uint32_t> cells_, gridCells_;
+  std::vector<float> patchU_, patchV_, distance_, gridU_, gridV_;
   mutable std::vector<float> primvar_[3];
   std::vector<uint64_t> seeds_;
   std::vector<uint16_t> object_;

@@ -42,8 +42,10 @@ struct ShadePoints {
   };
   Topology topology = Topology::kGrid;
   size_t count = 0;
-  // kGrid, kMeshlet: all vertices of one diced node.
+  // kGrid, kMeshlet: the vertices of one diced node.
   const cache::GridRecord* grid = nullptr;
+  // kGrid: every strideU-th column and strideV-th row alone; powers of two that divide nu and nv.
+  uint32_t strideU = 1, strideV = 1;
   // kHits: per point. kVolume: the same without an address.
   const cache::NodeId* node = nullptr;
   const uint32_t* cell = nullptr;
@@ -67,6 +69,15 @@ struct ShadePoints {
   uint32_t level = 0;       // raylevel(): 0 camera
   bool shadowRay = false;   // isshadowray(): only the opacity is wanted
   uint64_t gridSeed = 0;    // seed of a grid's or meshlet's points
+
+  /// kGrid: points in a row.
+  uint32_t columns() const { return grid->nu / strideU + 1u; }
+  /// kGrid: points of the whole grid.
+  size_t gridPoints() const { return size_t(columns()) * (grid->nv / strideV + 1u); }
+  /// kGrid: place of point i among the (nu + 1) (nv + 1) vertices of the grid, rows without padding.
+  size_t vertexOf(size_t i) const {
+    return i / columns() * strideV * (grid->nu + 1u) + i % columns() * strideU;
+  }
 };
 
 class ShadingSystem;
