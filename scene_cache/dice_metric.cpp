@@ -131,13 +131,14 @@ float DiceRate::curve(const float* x, const float* y, const float* z, size_t str
     const Vec3 second = (Vec3(x[a], y[a], z[a]) + Vec3(x[b], y[b], z[b])) - 2.0f * p;
     bend = std::max(bend, segment(p, p + second));
   }
-  return std::max(length, std::sqrt(8 * bend / flatness));
+  // What flatness asks for is a bound: nothing is rounded down.
+  return std::max(length, kLongestSegment * std::sqrt(8 * bend / flatness));
 }
 
 int DiceRate::log2Segments(float metric) const {
   if (!(metric > undicedEdge)) return leastLog2;
   int e = std::max(1, leastLog2);
-  while (e < 30 && float(1u << e) < metric) ++e;
+  while (e < 30 && kLongestSegment * float(1u << e) < metric) ++e;
   return e;
 }
 

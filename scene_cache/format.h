@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 5;
+inline constexpr uint32_t kFormatVersion = 6;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.

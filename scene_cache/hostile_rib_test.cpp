@@ -54,7 +54,7 @@ struct Case {
 class HostileRib : public testing::TestWithParam<Case> {};
 
 TEST_P(HostileRib, CostsItselfAlone) {
-  const long before = peakKilobytes();
+  [[maybe_unused]] const long before = peakKilobytes();
   const Read r =
       read(std::string("WorldBegin\nSphere 1 -1 1 360\n") + GetParam().rib + "\nDisk 0 1 360\nWorldEnd\n");
   EXPECT_EQ(r.objects, 2u) << r.all();
@@ -117,7 +117,7 @@ INSTANTIATE_TEST_SUITE_P(All, HostileRib, testing::ValuesIn(kCases),
                          [](const auto& one) { return std::string(one.param.name); });
 
 TEST(HostileRibCount, BinaryCountsOfWhatNeverComes) {
-  const long before = peakKilobytes();
+  [[maybe_unused]] const long before = peakKilobytes();
   // An array of 2^31 - 1 floats, a string of 2^32 - 1 bytes; both end with the input.
   std::string array = "WorldBegin Points \"P\" ";
   array += "\313\377\377\377\377";
