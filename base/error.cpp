@@ -1,9 +1,11 @@
 #include "base/error.h"
 
+#include <atomic>
 #include <cstdio>
 #include <mutex>
 #include <set>
 
+#include "base/interrupt.h"
 #include "base/log.h"
 #include "base/report_mute.h"
 
@@ -140,7 +142,14 @@ int reportCount(Severity s) {
   for (int i = int(s); i < 4; ++i) n += reporter().counts[i];
   return n;
 }
-bool abortRequested() { return reporter().abort; }
+bool abortRequested() { return reporter().abort || interrupted(); }
+
+namespace {
+std::atomic<bool> userInterrupts{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+}  // namespace
+void interrupt() noexcept { userInterrupts = true; }
+bool interrupted() noexcept { return userInterrupts; }
 
 void setReportSink(std::function<void(const Error&)> sink) {
   Reporter& r = reporter();

@@ -44,6 +44,7 @@ Film::Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::
   }
   const size_t n = size_t(tileCount());
   splats_.resize(n);
+  known_.resize(n, 0);
   missing_ = std::make_unique<std::atomic<int>[]>(n);
   users_ = std::make_unique<std::atomic<int>[]>(n);
   for (int t = 0; t < tileCount(); ++t) {
@@ -66,6 +67,22 @@ void Film::forNeighbours(int tile, F&& f) const {
 PixelRect Film::tileRect(int tile) const {
   const int x = sampled_.x0 + (tile % tilesX_) * tileSize_, y = sampled_.y0 + (tile / tilesX_) * tileSize_;
   return PixelRect{x, y, x + tileSize_, y + tileSize_}.clippedTo(sampled_);
+}
+
+void Film::markKnown(int tile) { known_[size_t(tile)] = 1; }
+
+bool Film::needsTile(int tile) const {
+  bool needed = false;
+  forNeighbours(tile, [&](int t) { needed |= !known_[size_t(t)] && !tileRect(t).clippedTo(crop_).empty(); });
+  return needed;
+}
+
+int Film::tileOfPixels(const PixelRect& rect) const {
+  if (rect.empty() || rect.x0 < crop_.x0 || rect.y0 < crop_.y0) return -1;
+  const int x = (rect.x0 - sampled_.x0) / tileSize_, y = (rect.y0 - sampled_.y0) / tileSize_;
+  if (x >= tilesX_ || y >= tilesY_) return -1;
+  const int tile = y * tilesX_ + x;
+  return tileRect(tile).clippedTo(crop_) == rect ? tile : -1;
 }
 
 namespace {
@@ -220,7 +237,8 @@ void Film::addTile(int tile, const TileSamples& samples, const Emit& emit) {
   forNeighbours(tile, [&](int t) {
     // acq_rel: whoever brings the count to 0 sees the splats of all that counted down before.
     if (missing_[size_t(t)].fetch_sub(1, std::memory_order_acq_rel) != 1) return;
-    FilmTile done = gather(t);
+    FilmTile done;
+    if (!known_[size_t(t)]) done = gather(t);
     forNeighbours(t, [&](int user) {
       if (users_[size_t(user)].fetch_sub(1, std::memory_order_acq_rel) != 1) return;
       bytesHeld_ -= splats_[size_t(user)]->bytes();

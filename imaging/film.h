@@ -67,6 +67,13 @@ class Film {
   /// Takes the samples of a tile; they are not needed afterwards. `emit` is called, on this thread, for every
   /// tile whose pixels are now complete; together the tiles cover the crop, each pixel once.
   void addTile(int tile, const TileSamples& samples, const Emit& emit);
+  /// The pixels of tile `tile` are known from elsewhere: they are not emitted. Before the first addTile().
+  void markKnown(int tile);
+  bool isKnown(int tile) const { return known_[size_t(tile)] != 0; }
+  /// Whether pixels that are not known need samples of tile `tile`. The others need not be added.
+  bool needsTile(int tile) const;
+  /// The tile that emits exactly these pixels, or -1.
+  int tileOfPixels(const PixelRect& rect) const;
   /// Bytes held for neighbours now.
   size_t bytesHeld() const { return bytesHeld_.load(std::memory_order_relaxed); }
 
@@ -86,6 +93,7 @@ class Film {
   std::vector<ChannelRule> rules_;
   int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, ownCount_ = 0;
   std::vector<float> weightsX_, weightsY_;  // [step][target]
+  std::vector<uint8_t> known_;              // by tile
   std::vector<std::unique_ptr<Splats>> splats_;
   /// Used splats: their arrays are large enough that the system would map and clear fresh pages for each.
   mutable std::mutex poolMutex_;

@@ -152,5 +152,53 @@ TEST(Film, PixelsCountAlikeHoweverManySamplesTheyHave) {
   }
 }
 
+/// Pixels that are known are not emitted, tiles that only they need are not wanted, and the others stay the
+/// same.
+TEST(Film, KnownTilesAreLeftOut) {
+  const PixelRect crop{-3, 2, 40, 37};
+  const auto render = [&](const std::vector<int>& known, int* added) {
+    Film film(crop, PixelFilter(FilterKind::kGaussian, 3, 3), 8, {ChannelRule::kFiltered});
+    for (const int t : known) film.markKnown(t);
+    std::vector<float> image(size_t(crop.area()), -1.0f);
+    for (int t = 0; t < film.tileCount(); ++t) {
+      if (!film.needsTile(t)) continue;
+      ++*added;
+      const PixelRect r = film.tileRect(t);
+      std::vector<float> x, v;
+      for (long long i = 0; i < r.area(); ++i) x.push_back(0.25f), v.push_back(float(t) + float(i) / 64);
+      const float* channels[1] = {v.data()};
+      film.addTile(t, {1, nullptr, x.data(), x.data(), channels}, [&](FilmTile&& done) {
+        EXPECT_FALSE(film.isKnown(film.tileOfPixels(done.rect)));
+        size_t i = 0;
+        for (int py = done.rect.y0; py < done.rect.y1; ++py)
+          for (int px = done.rect.x0; px < done.rect.x1; ++px)
+            image[size_t((py - crop.y0) * crop.width() + px - crop.x0)] = done.channels[0][i++];
+      });
+    }
+    return image;
+  };
+  int all = 0, some = 0;
+  const std::vector<float> whole = render({}, &all);
+  Film film(crop, PixelFilter(FilterKind::kGaussian, 3, 3), 8, {ChannelRule::kFiltered});
+  std::vector<int> known;
+  for (int t = 0; t < film.tileCount(); ++t)
+    if (film.tileRect(t).y0 < 22) known.push_back(t);
+  const std::vector<float> rest = render(known, &some);
+  EXPECT_LT(some, all);
+  EXPECT_GT(some, all - int(known.size()));  // neighbours of what is missing are needed again
+  for (int t = 0; t < film.tileCount(); ++t) {
+    const PixelRect r = film.tileRect(t).clippedTo(crop);
+    const bool isKnown = film.tileRect(t).y0 < 22;
+    for (int y = r.y0; y < r.y1; ++y)
+      for (int x = r.x0; x < r.x1; ++x) {
+        const auto i = size_t((y - crop.y0) * crop.width() + x - crop.x0);
+        EXPECT_EQ(rest[i], isKnown ? -1.0f : whole[i]);
+      }
+    EXPECT_EQ(film.tileOfPixels(r), r.empty() ? -1 : t);
+  }
+  EXPECT_EQ(film.tileOfPixels({0, 0, 3, 3}), -1);
+  EXPECT_EQ(film.tileOfPixels({1000, 1000, 1008, 1008}), -1);
+}
+
 }  // namespace
 }  // namespace fr

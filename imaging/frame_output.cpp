@@ -257,6 +257,25 @@ void FrameOutput::addTile(const FilmTile& tile) {
   }
 }
 
+std::string FrameOutput::firstPath() const {
+  return displays_.empty() ? std::string() : displays_.front()->target.path;
+}
+
+Result<void> FrameOutput::finishPartial() {
+  const size_t width = size_t(geometry_.crop.width());
+  for (auto& display : displays_) {
+    Display& d = *display;
+    const int rows = int(d.missing.size()) - d.nextRow;
+    if (d.failed || !d.file.isOpen() || rows == 0) continue;
+    const size_t rowBytes = d.pixelBytes * width;
+    auto r = d.file.write(0, d.nextRow, int(width), rows, d.pixels.data() + size_t(d.nextRow) * rowBytes,
+                          rowBytes);
+    d.nextRow = int(d.missing.size());
+    if (!r) fail(d, std::move(r.error()));
+  }
+  return finish();
+}
+
 Result<void> FrameOutput::finish() {
   for (auto& display : displays_) {
     Display& d = *display;

@@ -66,8 +66,9 @@ Result<void> checkPictureFits(const FrameGeometry& geometry, const std::vector<D
 using ImagerFunction = std::function<bool(size_t n, const float* x, const float* y, float* const color[3],
                                           float* const opacity[3], float* alpha)>;
 
-/// Thread safety: addTile() may be called by several threads. Files are complete or absent: they are written
-/// under a temporary name and renamed by finish(). Without finish() the destructor removes what was begun.
+/// Thread safety: addTile() may be called by several threads. Files are complete or absent, unless
+/// finishPartial() was asked: they are written under a temporary name and renamed by finish(). Without
+/// finish() the destructor removes what was begun.
 class FrameOutput {
  public:
   /// `searchPath` as of displaySearchPath(). Opens nothing.
@@ -87,6 +88,11 @@ class FrameOutput {
   /// Closes all displays and gives the files their names. Errors: the first display that failed, now or
   /// before.
   Result<void> finish();
+  /// The same for pictures that are not complete: pixels that have not come are 0. No addTile() at the same
+  /// time.
+  Result<void> finishPartial();
+  /// File of the first display; "" when there is none. After open().
+  std::string firstPath() const;
 
  private:
   struct Display;

@@ -261,6 +261,9 @@ void BucketWorker::finishGrid(GridTask& task) {
                 fmt::format("some surface shaders have no output variable \"{}\": 0 there", o.variable)});
     }
   }
+  if (!work_.scene->traits[attributes].smooth && g.record->kind == cache::GridKind::kGrid &&
+      !(g.record->flags & cache::kGridSprites))
+    g.makeCells();
   ++statistics_.gridsShaded, statistics_.pointsShaded += task.points;
   g.publish();
   work_.signal();
@@ -301,6 +304,7 @@ void BucketWorker::finishTile(Pending& tile) {
       const std::lock_guard lock(work_.mutex);
       work_.options->pixels(pixels);
     }
+    if (work_.journal) work_.journal->add(pixels);
     if (work_.output) work_.output->addTile(pixels);
   });
   if (abortRequested()) work_.stop = true;

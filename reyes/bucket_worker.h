@@ -5,6 +5,7 @@
 #include <mutex>
 #include <vector>
 
+#include "imaging/frame_journal.h"
 #include "imaging/frame_output.h"
 #include "reyes/renderer.h"
 #include "reyes/shaded_grids.h"
@@ -17,7 +18,8 @@ namespace fr::reyes {
 struct FrameWork {
   const FrameScene* scene = nullptr;
   Film* film = nullptr;
-  FrameOutput* output = nullptr;  // nullptr: no displays
+  FrameOutput* output = nullptr;    // nullptr: no displays
+  FrameJournal* journal = nullptr;  // nullptr: none is kept
   ShadedGrids* shaded = nullptr;
   ShadingSystem* shading = nullptr;
   RayOracleService* oracle = nullptr;

@@ -1,5 +1,9 @@
 #include "reyes/renderer.h"
 
+#include <fmt/format.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -7,6 +11,9 @@
 #include <thread>
 
 #include "base/cores.h"
+#include "base/interrupt.h"
+#include "base/random.h"
+#include "imaging/frame_journal.h"
 #include "imaging/frame_request.h"
 #include "imaging/tile_order.h"
 #include "reyes/bucket_worker.h"
@@ -38,6 +45,20 @@ void runWorkers(FrameWork& work, int threads) {
   }
   body();
   for (std::thread& t : pool) t.join();
+}
+
+/// Differs between frames whose pixels may differ.
+uint64_t frameIdentity(const cache::Skeleton& skeleton, const Film& film, const RenderOptions& options,
+                       const std::vector<OutputChannel>& outputs) {
+  const std::span<const std::byte> scene = skeleton.bytes();
+  uint64_t h = XXH3_64bits(scene.data(), scene.size());
+  const PixelRect& r = film.sampledRect();
+  for (const int v : {r.x0, r.y0, r.x1, r.y1, film.tileSize(), int(options.seed)})
+    h = hashStep(h, uint64_t(uint32_t(v)));
+  for (const OutputChannel& o : outputs)
+    h = hashStep(hashStep(h, XXH3_64bits(o.variable.data(), o.variable.size())),
+                 uint64_t(o.component) << 8 | uint64_t(o.rule));
+  return h;
 }
 
 }  // namespace
@@ -91,6 +112,27 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   work.opacityThreshold = std::clamp(
       frameFloatOption(skeleton, skeleton.options().options, "limits:othreshold", 0.996f), 0.0f, 1.0f);
   work.order = hilbertOrder(film.tilesX(), film.tilesY());
+  std::unique_ptr<FrameJournal> journal;
+  if (options.resume && output && !output->firstPath().empty()) {
+    auto opened = FrameJournal::open(journalPath(output->firstPath()),
+                                     frameIdentity(skeleton, film, options, work.outputs), rules.size());
+    if (!opened) return opened.error();
+    journal = std::move(*opened);
+    for (const FilmTile& pixels : journal->takeFinished()) {
+      const int tile = film.tileOfPixels(pixels.rect);
+      if (tile < 0 || film.isKnown(tile)) continue;
+      film.markKnown(tile);
+      output->addTile(pixels);
+      if (options.pixels) options.pixels(pixels);
+    }
+    std::erase_if(work.order, [&](int tile) {
+      const bool needed = film.needsTile(tile);
+      if (!needed) shaded.finishTile(tile);
+      return !needed;
+    });
+    work.statistics.bucketsResumed = size_t(film.tileCount()) - work.order.size();
+    work.journal = journal.get();
+  }
   const int cores = availableCores();
   runWorkers(work, std::clamp(options.threads > 0 ? options.threads : cores, 1, 1024));
 
@@ -98,11 +140,18 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   s.rootPatches = roots.count(), s.rootPatchesCulled = roots.culled();
   s.gridsShadedPeak = shaded.peak();
   s.oracleFailed = work.oracleFailed;
-  if (work.stop)
-    return makeError(RiError::kSystem, "rendering stopped after {} of {} buckets", work.tilesDone,
-                     work.order.size());
+  if (work.stop) {
+    Error stopped = makeError(RiError::kSystem, "rendering stopped after {} of {} buckets", work.tilesDone,
+                              work.order.size());
+    if (output && interrupted() && !work.broken)
+      if (auto written = output->finishPartial(); written)
+        stopped.message += fmt::format("; {} holds what is finished{}", output->firstPath(),
+                                       journal ? ", and --resume goes on from there" : "");
+    return stopped;
+  }
   if (output)
     if (auto written = output->finish(); !written) return written.error();
+  if (journal) journal->remove();
   s.wallSeconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return s;
 }

@@ -23,6 +23,9 @@ struct RenderOptions {
   int bucketSize = 0;         // pixels a side; 0: Option "limits" "bucketsize", else 32
   uint32_t seed = 0;          // of sample positions and shaders
   bool writeDisplays = true;  // false: only `pixels` gets the image
+  /// Keeps finished pixels beside the first display's picture while it is rendered, and goes on where an
+  /// earlier run with the same scene was stopped or killed. Shaders and textures must not have changed.
+  bool resume = false;
   /// Called with every finished tile, before exposure, by one thread at a time: R G B A Z, then the displays'
   /// output variables.
   std::function<void(const FilmTile&)> pixels;
@@ -32,7 +35,7 @@ struct RenderOptions {
 
 /// Sums over all threads; seconds are thread seconds except wallSeconds.
 struct FrameStatistics {
-  uint64_t buckets = 0, samples = 0;
+  uint64_t buckets = 0, samples = 0, bucketsResumed = 0;
   uint64_t rootPatches = 0, rootPatchesCulled = 0;
   uint64_t nodesCulledOutside = 0, nodesCulledBucket = 0, nodesCulledHidden = 0, nodesSplit = 0,
            nodesLost = 0;
@@ -47,7 +50,8 @@ struct FrameStatistics {
 
 /// Renders and writes the frame's displays. `oracle` may be nullptr: rays then miss, with one warning.
 /// Shaders must be loaded (ShadingSystem::loadShaders). Errors: nothing could be rendered or a display failed
-/// (all of them reported). A failing oracle is reported once, and the frame is finished with rays that miss.
+/// (all of them reported), or interrupted(): the displays then hold what was finished. A failing oracle is
+/// reported once, and the frame is finished with rays that miss.
 Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& shading,
                                     RayOracleService* oracle, const RenderOptions& options);
 

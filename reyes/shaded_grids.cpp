@@ -5,6 +5,25 @@
 
 namespace fr::reyes {
 
+void ShadedGrid::makeCells() {
+  const size_t nu = record->nu, nv = record->nv, row = nu + 1;
+  cells.resize(nu * nv);
+  for (size_t c = 0; c < 3; ++c) {
+    const float* const from = color.data() + c * points;
+    const float* const through = opacity.empty() ? nullptr : opacity.data() + c * points;
+    // In the order in which a hit's weights are added up elsewhere, so that both give the same bits.
+    const auto mean = [row](const float* p) {
+      return 0.25f * p[0] + 0.25f * p[1] + 0.25f * p[row] + 0.25f * p[row + 1];
+    };
+    for (size_t j = 0; j < nv; ++j)
+      for (size_t i = 0; i < nu; ++i) {
+        Cell& cell = cells[j * nu + i];
+        cell.color[c] = mean(from + j * row + i);
+        cell.opacity[c] = through ? std::clamp(mean(through + j * row + i), 0.0f, 1.0f) : 1.0f;
+      }
+  }
+}
+
 ShadedGrids::ShadedGrids(const Film& film) : film_(film), tiles_(size_t(film.tileCount())) {}
 ShadedGrids::~ShadedGrids() = default;
 

@@ -33,6 +33,14 @@ struct ShadedGrid {
   size_t points = 0;
   ShadingStride stride;
   std::vector<float> color, opacity, outputs;
+  /// "constant" shading of a grid with rows and columns: what each micropolygon shows, the mean of its
+  /// corners; side by side, since a sample with many layers wants all of it at once. Empty otherwise.
+  struct alignas(32) Cell {
+    float color[3], opacity[3];
+  };
+  std::vector<Cell> cells;
+  /// Fills `cells` from the planes above; opacity is 1 where there is none.
+  void makeCells();
 
   bool claim() {
     State expected = State::kEmpty;

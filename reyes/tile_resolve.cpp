@@ -108,14 +108,30 @@ void resolveTile(const TileView& view, const ShutterSpace& space, int outputChan
           const TileGrid& g = view.grids[layer.hit >> kTriangleBits];
           const bool opaqueMatte = g.traits.matte && g.traits.opaque;
           if (!opaqueMatte) {
-            const HitWeights w = shader.weights(g, layer.hit & kTriangleMask, from);
             const ShadedGrid& shaded = *g.shaded;
+            const uint32_t triangle = layer.hit & kTriangleMask;
+            ShadedGrid::Cell cell;
+            HitWeights w;
+            bool weighed = false;
+            const auto weigh = [&] {
+              if (!weighed) w = shader.weights(g, triangle, from);
+              weighed = true;
+            };
+            if (!shaded.cells.empty()) {
+              cell = shaded.cells[triangle >> 1];
+            } else {
+              weigh();
+              for (size_t c = 0; c < 3; ++c) {
+                cell.color[c] = Shader::value(shaded.color, shaded.points, c, w);
+                cell.opacity[c] =
+                    g.traits.opaque
+                        ? 1.0f
+                        : std::clamp(Shader::value(shaded.opacity, shaded.points, c, w), 0.0f, 1.0f);
+              }
+            }
             bool shows = false;
             for (size_t c = 0; c < 3; ++c) {
-              const float o = g.traits.opaque ? 1.0f
-                                              : std::clamp(Shader::value(shaded.opacity, shaded.points, c, w),
-                                                           0.0f, 1.0f);
-              const float v = Shader::value(shaded.color, shaded.points, c, w);
+              const float o = cell.opacity[c], v = cell.color[c];
               shows |= o > 0 || v != 0;
               if (!g.traits.matte && !covered) {
                 color[c] += through[c] * v;
@@ -130,10 +146,12 @@ void resolveTile(const TileView& view, const ShutterSpace& space, int outputChan
             if (shows && first) {
               first = false;
               depth = space.open().depth(layer.depth);
-              if (!g.traits.matte)
+              if (!g.traits.matte && outputChannels > 0) {
+                weigh();
                 for (size_t c = 0; c < size_t(outputChannels); ++c)
                   out.channels[size_t(kFixedChannels) + c][to] =
                       shaded.outputs.empty() ? 0.0f : Shader::value(shaded.outputs, shaded.points, c, w);
+              }
             }
           } else {
             through[0] = through[1] = through[2] = 0;

@@ -83,6 +83,10 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
       ->type_name("FILE");
   app.add_flag("--progress", c.progress, "Show a progress bar (default on a terminal)");
   app.add_flag("--no-progress", noProgress, "Show none");
+  app.add_flag(
+      "--resume", c.resume,
+      "Keep finished buckets beside the picture (FILE.unfinished) and go on where a run with --resume was "
+      "stopped or killed; scene, shaders and textures must be the same");
   app.add_flag("--stats", c.stats, "Print statistics at the end");
   app.add_flag("--quiet", c.quiet, "Print errors only");
   app.add_option("scenes", common, "RIB files, or one .fsc")->type_name("SCENE...");

@@ -18,6 +18,7 @@ struct CommandLine {
   int threads = 0;                 // 0: all cores
   bool progress = false;
   bool stats = false;
+  bool resume = false;
   bool quiet = false;
   std::string shaderPath;  // colon-separated, searched first
 };

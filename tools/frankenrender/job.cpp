@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "base/cores.h"
+#include "base/interrupt.h"
 #include "base/log.h"
 #include "oracle/ray_client.h"
 #include "reyes/renderer.h"
@@ -90,6 +91,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
 
   RenderOptions options;
   options.threads = threads;
+  options.resume = c.resume;
   ProgressBar bar(c.progress, fmt::format("frame {}", cache.skeleton().options().frameNumber));
   options.progress = [&](double fraction) { bar.update(fraction); };
   Result<FrameStatistics> rendered = renderFrame(cache, shading, oracle, options);
@@ -169,6 +171,7 @@ int runJob(const CommandLine& c) {
       failed = true;
     }
   }
+  if (interrupted()) return 130;  // as shells have it for Ctrl-C
   return failed || reportCount(Severity::kError) > 0 ? 1 : 0;
 }
 
