@@ -1,6 +1,6 @@
 #include "shading/builder.h"
 
-#include <cstring>
+#include <bit>
 
 namespace fr {
 
@@ -19,14 +19,11 @@ uint32_t ProgramBuilder::text(std::string_view s) {
 }
 
 uint32_t ProgramBuilder::constantFloats(SlType type, std::span<const float> v, uint32_t arrayLength) {
-  // -0 and 0 are different constants, as are NaNs: compare bits.
-  std::vector<float> key(v.begin(), v.end());
-  for (float& f : key) {
-    uint32_t bits;
-    std::memcpy(&bits, &f, 4);
-    if (bits == 0x80000000u) key.push_back(1);
-  }
-  key.push_back(float(arrayLength));
+  // By their bits: -0 and 0 are different constants, and NaNs have no order.
+  std::vector<uint32_t> key;
+  key.reserve(v.size() + 1);
+  for (const float f : v) key.push_back(std::bit_cast<uint32_t>(f));
+  key.push_back(arrayLength);
   auto it = constants_.find({type, key});
   if (it != constants_.end()) return it->second;
   Symbol s;

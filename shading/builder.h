@@ -45,7 +45,7 @@ class ProgramBuilder {
   bool full() const { return program.code.size() >= kMaxInstructions; }
 
  private:
-  std::map<std::pair<SlType, std::vector<float>>, uint32_t> constants_;
+  std::map<std::pair<SlType, std::vector<uint32_t>>, uint32_t> constants_;
   std::map<std::string, uint32_t, std::less<>> strings_;
   std::map<uint32_t, uint32_t> stringConstants_;
   std::map<GlobalId, uint32_t> globals_;
