@@ -23,7 +23,11 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::microseconds;
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kKills = 10;  // programs run ten times as long
+#else
 constexpr int kKills = 100;
+#endif
 
 // Everything that a tracer does: dicing (displaced: by the same process that traces), building, visibility,
 // and hits that are shaded and ask themselves.
