@@ -169,7 +169,7 @@ View perspective(const DVec3& eye, double fov = 60) {
 std::string picture(const View& view, const std::string& world) {
   return fmt::format(
              "Format {} {} 1\nPixelSamples 1 1\nPixelFilter \"box\" 1 1\nHider \"hidden\" \"jitter\" [0]\n"
-             "ShadingRate 0.25\n",
+             "ShadingRate 0.125\n",
              kSize, kSize) +
          view.options + "WorldBegin\nSurface \"constant\"\n" + world + "WorldEnd\n";
 }
@@ -571,7 +571,7 @@ TEST(SolidRays, HalfOfTheSkyIsSeenFromEverywhereInABowl) {
   // share of its area: the open half is one half.
   const std::string block = unite(box({-1.4, -1.4, 0}, {1.4, 1.4, 2})).rib;
   const Solid bowl =
-      subtract(box({-1.4, -1.4, 0}, {1.4, 1.4, 2}, "ShadingRate 0.25\n"), sphere({0, 0, 0}, 1));
+      subtract(box({-1.4, -1.4, 0}, {1.4, 1.4, 2}, "ShadingRate 0.125\n"), sphere({0, 0, 0}, 1));
   const Channels c = renderByRays(
       picture(kOrthographic, "Surface \"probe\"\n" + bowl.rib),
       {{"probe", "surface probe() { Ci = occlusion(P, faceforward(normalize(N), I), 256); Oi = 1; }\n"}});
