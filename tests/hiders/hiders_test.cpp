@@ -30,8 +30,8 @@ const std::string kLit =
     "LightSource \"distantlight\" 1 \"from\" [1 1 -2] \"to\" [0 0 0]\nSurface \"matte\"\n";
 
 std::string rib(const Scene& s, const std::string& more = "") {
-  return "Format 240 240 1\nPixelSamples 1 1\nPixelFilter \"box\" 1 1\nShadingRate 0.5\n" + more + s.options + "WorldBegin\n" +
-         kLit + s.world + "WorldEnd\n";
+  return "Format 240 240 1\nPixelSamples 1 1\nPixelFilter \"box\" 1 1\nShadingRate 0.5\n" + more + s.options +
+         "WorldBegin\n" + kLit + s.world + "WorldEnd\n";
 }
 
 /// A wavy height field of n x n quads, dense enough to become meshlets.
