@@ -289,12 +289,14 @@ Result<Segment> Segment::attach(FileDescriptor fd, Access access, const SegmentO
   if (!fd || ::fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) {
     return makeError(RiError::kBadFile, "'{}': what was sent is not a memory segment", options.name);
   }
-  const int seals =
-      ::fcntl(fd.get(), F_GET_SEALS);  // fails for files on disks; a file of ours is never truncated
-  if (seals < 0 && options.sealedOnly) {
+  // Files on disks have no seals, and those of a tmpfs answer F_SEAL_SEAL: they can never get any. A file of
+  // ours is never truncated.
+  const int seals = ::fcntl(fd.get(), F_GET_SEALS);
+  const bool file = seals < 0 || seals == F_SEAL_SEAL;
+  if (file && options.sealedOnly) {
     return makeError(RiError::kBadFile, "'{}': what was sent is not anonymous shared memory", options.name);
   }
-  if (seals >= 0 && !(seals & F_SEAL_SHRINK)) {
+  if (!file && !(seals & F_SEAL_SHRINK)) {
     return makeError(RiError::kBadFile, "'{}': the segment is not sealed against shrinking", options.name);
   }
   const int mode = ::fcntl(fd.get(), F_GETFL);
@@ -306,7 +308,7 @@ Result<Segment> Segment::attach(FileDescriptor fd, Access access, const SegmentO
   State& st = *s.state_;
   st.fd = std::move(fd);
   st.options = options;
-  st.file = seals < 0;
+  st.file = file;
   st.writable = access == Access::kReadWrite;
   const uint64_t bytes = fileSize(st.fd.get());
   if (bytes > kLargestReserve)

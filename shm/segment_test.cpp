@@ -178,6 +178,12 @@ TEST_F(SegmentTest, RefusesWhatCouldShrinkUnderUs) {
   sealed.sealedOnly = true;
   EXPECT_FALSE(Segment::attach(plain.duplicate(), Access::kReadWrite, sealed).ok());
   EXPECT_TRUE(Segment::attach(plain.duplicate(), Access::kReadWrite).ok());
+  // A file on a tmpfs, where /tmp often is: like a memory file that nobody can seal.
+  FileDescriptor unsealable(::memfd_create("like a file on a tmpfs", MFD_CLOEXEC));
+  ASSERT_EQ(::ftruncate(unsealable.get(), 4096), 0);
+  ASSERT_EQ(::fcntl(unsealable.get(), F_GET_SEALS), F_SEAL_SEAL);
+  EXPECT_FALSE(Segment::attach(unsealable.duplicate(), Access::kReadWrite, sealed).ok());
+  EXPECT_TRUE(Segment::attach(unsealable.duplicate(), Access::kReadWrite).ok());
   int pipes[2];
   ASSERT_EQ(::pipe(pipes), 0);
   ::close(pipes[1]);

@@ -62,7 +62,7 @@ run(${CC} -std=c99 -pedantic -Wall -Wextra -Werror ${sanitize} ${SOURCE}/example
     -Wl,-rpath,${place}/${LIBDIR} -o depthmap)
 check(./depthmap)
 
-run(${CMAKE_COMMAND} -S ${SOURCE}/examples/clients -B cmake -DCMAKE_PREFIX_PATH=${place} -DCMAKE_C_COMPILER=${CC}
+run(${CMAKE_COMMAND} -G Ninja -S ${SOURCE}/examples/clients -B cmake -DCMAKE_PREFIX_PATH=${place} -DCMAKE_C_COMPILER=${CC}
     -DCMAKE_C_FLAGS=${sanitize})
 run(${CMAKE_COMMAND} --build cmake)
 check(cmake/depthmap)
