@@ -24,8 +24,8 @@ DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
 /// Steps of a curve's sampling: 8 equal parameter steps.
 inline constexpr int kMetricSteps = 8;
 /// Segments come in powers of two. The nearest one is taken: segments are between 1 / kLongestSegment and
-/// kLongestSegment micropolygons long, so that micropolygons are as large as ShadingRate says in the mean, not
-/// half as large.
+/// kLongestSegment micropolygons long, so that micropolygons are as large as ShadingRate says in the mean,
+/// not half as large.
 inline constexpr float kLongestSegment = 1.41421356f;
 /// Edges of polygons that are no longer than this, in micropolygons, are not diced: straight edges need no
 /// more points, and faces of such edges alone go into meshlets. Meshes of many faces choose their own
@@ -39,12 +39,12 @@ struct DiceRate {
   Vec3 eye{0};
   bool perspective = true;
   float nearSquared = 0;
-  float scale = 1;        // micropolygons = length / distance * scale
-  Vec3 axis{0, 0, 1};     // of the camera's cone
-  float cone = 3.2f;      // its half angle
-  float radius = 1e30f;   // orthographic: of the camera's cylinder
+  float scale = 1;                      // micropolygons = length / distance * scale
+  Vec3 axis{0, 0, 1};                   // of the camera's cone
+  float cone = 3.2f;                    // its half angle
+  float radius = 1e30f;                 // orthographic: of the camera's cylinder
   float undicedEdge = kLongestSegment;  // an edge up to this many micropolygons stays whole
-  float flatness = 0;     // micropolygons between a curve and its chords; 0: any
+  float flatness = 0;                   // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
 

@@ -88,14 +88,14 @@ struct SubdivisionSource {
   uint32_t smoothTriangles;                 // 0 or 1
   uint32_t pieces;                          // 1: every quad face is cut in four, as other faces are
   uint32_t pad;
-  Range faceSizes;                          // uint32
-  Range faceVertices;                       // uint32
-  Range creaseVertices;                     // uint32, two an edge
-  Range creaseSharpness;                    // float
-  Range cornerVertices;                     // uint32
-  Range cornerSharpness;                    // float
-  Range holes;                              // uint32
-  Range patches;                            // SubdivisionPatch, one a root patch
+  Range faceSizes;        // uint32
+  Range faceVertices;     // uint32
+  Range creaseVertices;   // uint32, two an edge
+  Range creaseSharpness;  // float
+  Range cornerVertices;   // uint32
+  Range cornerSharpness;  // float
+  Range holes;            // uint32
+  Range patches;          // SubdivisionPatch, one a root patch
 };
 
 /// A non-empty knot interval of a NuPatch, cut to the patch's range.

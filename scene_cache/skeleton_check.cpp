@@ -105,8 +105,7 @@ class Checker {
     for (size_t i = 0; i < all.size(); ++i) {
       const ParamRecord& p = all[i];
       if (!id(p.name, h_.strings, false, "parameter", i, "name")) return;
-      if (p.storage > ParamClass::kFaceVertex)
-        return void(fail("parameter {}: class {}", i, int(p.storage)));
+      if (p.storage > ParamClass::kFaceVertex) return void(fail("parameter {}: class {}", i, int(p.storage)));
       if (p.type > ParamType::kMatrix) return void(fail("parameter {}: type {}", i, int(p.type)));
       if (p.arrayLength == 0) return void(fail("parameter {}: array of length 0", i));
       if (!inside<float>(p.values))
