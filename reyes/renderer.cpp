@@ -130,7 +130,6 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
       if (!needed) shaded.finishTile(tile);
       return !needed;
     });
-    work.statistics.bucketsResumed = size_t(film.tileCount()) - work.order.size();
     work.journal = journal.get();
   }
   const int cores = availableCores();

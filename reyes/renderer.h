@@ -35,7 +35,7 @@ struct RenderOptions {
 
 /// Sums over all threads; seconds are thread seconds except wallSeconds.
 struct FrameStatistics {
-  uint64_t buckets = 0, samples = 0, bucketsResumed = 0;
+  uint64_t buckets = 0, samples = 0;
   uint64_t rootPatches = 0, rootPatchesCulled = 0;
   uint64_t nodesCulledOutside = 0, nodesCulledBucket = 0, nodesCulledHidden = 0, nodesSplit = 0,
            nodesLost = 0;

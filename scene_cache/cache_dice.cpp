@@ -135,7 +135,7 @@ float collapseMargin(const DiceRate& rate, const Box3f& box) {
       distance = std::max(distance, 1 / rate.cylinderWeight(p, p));
     }
   }
-  return 3.0f * distance / rate.scale;
+  return 3.0f * kLongestSegment * distance / rate.scale;
 }
 
 /// A place of every vertex of a meshlet: a corner of the first triangle that has it.
