@@ -1,6 +1,7 @@
 #include "imaging/sample_pattern.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -16,6 +17,24 @@ int coprimeStep(int n, double fraction) {
   int step = std::max(1, int(std::lround(n * fraction)));
   while (std::gcd(step, n) != 1) ++step;
   return step;
+}
+
+/// Place `i` of a random order of 0 ... n - 1 (A. Kensler, "Correlated Multi-Jittered Sampling", Pixar
+/// Technical Memo 13-01, 2013).
+uint32_t permuted(uint32_t i, uint32_t n, uint32_t order) {
+  const uint32_t w = std::bit_ceil(n) - 1;
+  do {
+    i ^= order, i *= 0xe170893du;
+    i ^= order >> 16, i ^= (i & w) >> 4;
+    i ^= order >> 8, i *= 0x0929eb3fu;
+    i ^= order >> 23, i ^= (i & w) >> 1;
+    i *= 1 | order >> 27, i *= 0x6935fa69u;
+    i ^= (i & w) >> 11, i *= 0x74dcb303u;
+    i ^= (i & w) >> 2, i *= 0x9e501cc3u;
+    i ^= (i & w) >> 2, i *= 0xc860a3dfu;
+    i &= w, i ^= i >> 5;
+  } while (i >= n);
+  return (i + order) % n;
 }
 
 /// Square to disk, areas and neighbourhoods kept (Shirley and Chiu, "A Low Distortion Map Between Disk and
@@ -50,7 +69,7 @@ Vec2 toSquare(float x, float y) {
 }  // namespace
 
 SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleDimensions dimensions)
-    : nx_(nx), ny_(ny) {
+    : nx_(nx), ny_(ny), jitter_(jitter), seed_(seed) {
   period_ = !jitter ? 1 : perPixel() > 64 ? 32 : 64;
   offsets_.clear();
   const bool blur = dimensions.time || dimensions.lens;
@@ -66,6 +85,14 @@ SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleD
     }
     if (blur && dimensions.sorted) sortPixel(first, dimensions);
   }
+}
+
+float SamplePattern::chance(size_t index) const {
+  const auto n = uint32_t(perPixel());
+  const auto pixel = uint32_t(hashStep(hashStep(seed_, 0xdece), index / n));
+  const auto sample = uint32_t(index % n);
+  const float within = jitter_ ? toUnitFloat(mix32(pixel ^ mix32(sample + 1))) : 0.5f;
+  return std::min((float(permuted(sample, n, pixel)) + within) / float(n), 0x1.fffffep-1f);
 }
 
 void SamplePattern::addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions) {

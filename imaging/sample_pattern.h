@@ -46,12 +46,17 @@ class SamplePattern {
   };
   /// As many as offsets(), or none when samples have a place on the raster alone.
   const std::vector<Blur>& blurs() const { return blurs_; }
+  /// A number in [0, 1) of the sample with this index, which decides whether it sees a surface that only a
+  /// share of all samples see. The numbers of a pixel's samples are spread evenly.
+  float chance(size_t index) const;
 
  private:
   void addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions);
   void sortPixel(size_t first, const SampleDimensions& dimensions);
 
   int nx_ = 1, ny_ = 1, period_ = 1;
+  bool jitter_ = false;
+  uint32_t seed_ = 0;
   std::vector<Offset> offsets_{{kSubpixels / 2 + 1, kSubpixels / 2 + 1}};
   std::vector<Blur> blurs_;
 };

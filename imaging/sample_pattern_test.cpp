@@ -76,5 +76,24 @@ TEST(SamplePattern, WithoutJitterTimesAreEqualSteps) {
   for (size_t i = 0; i < 6; ++i) EXPECT_FLOAT_EQ(p.blurs()[i].time, (float(i) + 0.5f) / 6);
 }
 
+TEST(SamplePattern, ChancesOfAPixelAreStratified) {
+  for (const bool jitter : {false, true}) {
+    const SamplePattern p(3, 2, jitter, 7);
+    double sum = 0;
+    for (int y = 0; y < 20; ++y)
+      for (int x = 0; x < 20; ++x) {
+        std::vector<int> cells;
+        for (size_t s = 0; s < 6; ++s) {
+          const float c = p.chance(p.first(x, y) + s);
+          ASSERT_TRUE(c >= 0 && c < 1);
+          cells.push_back(int(c * 6)), sum += double(c) / 2400;
+        }
+        std::sort(cells.begin(), cells.end());
+        EXPECT_EQ(cells, (std::vector<int>{0, 1, 2, 3, 4, 5}));
+      }
+    EXPECT_NEAR(sum, 0.5, 0.01);
+  }
+}
+
 }  // namespace
 }  // namespace fr

@@ -99,6 +99,7 @@ std::vector<SurfaceTraits> surfaceTraits(const cache::SceneCache& cache, const S
     t.visible = a.visibility & cache::kVisibleCamera;
     // Seen from its front (N towards the eye) a micropolygon's raster area is positive, y down, when N is
     // dPdu x dPdv.
+    std::copy_n(a.thinning, 2, t.thinning);
     if (a.sides == 1) t.cullSign = a.flags & cache::kReverseOrientation ? 1 : -1;
     if (frameFloatOption(cache.skeleton(), a.attributes, "dice:rasterorient", 1) != 0)
       t.shadingArea = a.shadingRate > 0 && std::isfinite(a.shadingRate) ? a.shadingRate : 1.0f;

@@ -22,6 +22,7 @@ struct SurfaceTraits {
   /// ShadingRate: pixels that a shaded cell may cover; 0: every vertex is shaded, whatever its size on the
   /// raster (Attribute "dice" "rasterorient" 0).
   float shadingArea = 0;
+  float thinning[2] = {0, 0};  // as AttributeRecord::thinning
 };
 
 /// Root patches by the tiles they may cover. Immutable once made; thread-safe.
@@ -59,6 +60,7 @@ struct FrameScene {
   cache::SceneCache* cache = nullptr;
   ShutterSpace space;
   SamplePattern pattern;
+  SightLines lines;
   std::vector<SurfaceTraits> traits;  // by AttributeId
   const RootBins* roots = nullptr;
   const cache::SolidForest* solids = nullptr;

@@ -86,6 +86,7 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   FrameScene scene;
   scene.cache = &cache;
   scene.space = ShutterSpace(camera, frameCameraKeys(skeleton), frameLens(skeleton));
+  scene.lines = SightLines(camera, frameLens(skeleton));
   scene.pattern = frameSamplePattern(skeleton, options.seed);
   scene.traits = surfaceTraits(cache, shading);
   if (work.midpointDepth)  // what lies behind the first surface is wanted too

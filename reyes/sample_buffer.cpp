@@ -29,10 +29,42 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
           x[i] = x[first], y[i] = y[first];  // near the run, so that kernels' integers do not overflow
     }
   resetBlur(pattern);
+  start_.clear();
   blocksX_ = (rect.width() + kBlock - 1) / kBlock;
   blocksY_ = (rect.height() + kBlock - 1) / kBlock;
   blockDepth_.assign(size_t(blocksX_ * blocksY_), farKey);
   blockStale_.assign(size_t(blocksX_ * blocksY_), 0);
+}
+
+void SampleBuffer::limit(const SamplePattern& pattern, const SightLines& lines, const RasterSpace& space) {
+  const double near = double(space.near()), far = double(space.far());
+  bool late = false;
+  start_.assign(size(), -kInfinity);
+  for (int row = 0; row < rect_.height(); ++row)
+    for (int column = 0; column < rect_.width(); ++column) {
+      const size_t inPattern = pattern.first(rect_.x0 + column, rect_.y0 + row), first = index(column, row);
+      for (size_t k = 0; k < size_t(perPixel_); ++k) {
+        const size_t i = first + k;
+        const auto blur = pattern.blurs().empty() ? SamplePattern::Blur{} : pattern.blurs()[inPattern + k];
+        const SightLines::Depths seen = lines.seen(
+            lines.line(rect_.x0 + double(x[i]) / kSubpixels, rect_.y0 + double(y[i]) / kSubpixels, blur),
+            near, far);
+        if (!(seen.near < seen.far)) {
+          depth[i] = -kInfinity;
+        } else if (seen.far < far) {
+          depth[i] = std::min(depth[i], space.key(float(seen.far)));
+        }
+        if (seen.near > near) start_[i] = space.key(float(seen.near)), late = true;
+      }
+    }
+  if (!late) start_.clear();
+  touched(0, 0, rect_.width() - 1, rect_.height() - 1);
+}
+
+float SampleBuffer::chance(size_t sample, const SamplePattern& pattern) const {
+  const auto row = int(sample / size_t(rowStride_)), inRow = int(sample % size_t(rowStride_));
+  const int column = inRow / perPixel_;
+  return pattern.chance(pattern.first(rect_.x0 + column, rect_.y0 + row) + size_t(inRow % perPixel_));
 }
 
 void SampleBuffer::resetBlur(const SamplePattern& pattern) {

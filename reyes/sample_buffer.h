@@ -13,6 +13,7 @@
 
 #include "imaging/pixel_rect.h"
 #include "imaging/sample_pattern.h"
+#include "imaging/sight_lines.h"
 #include "reyes/blur_kernel.h"
 #include "reyes/raster_space.h"
 
@@ -32,6 +33,15 @@ class SampleBuffer {
   /// Places the samples of `rect` by the pixels' raster positions, so tiles do not matter. All see nothing,
   /// at depth `farKey`.
   void reset(const PixelRect& rect, const SamplePattern& pattern, float farKey);
+
+  /// After reset(): samples see only what is at the depths that clipping planes leave on their lines of
+  /// sight.
+  void limit(const SamplePattern& pattern, const SightLines& lines, const RasterSpace& space);
+  /// True when some sample sees nothing before start(sample), a depth key.
+  bool startsLate() const { return !start_.empty(); }
+  float start(size_t sample) const { return start_.empty() ? -kInfinity : start_[sample]; }
+  /// SamplePattern::chance() of a sample.
+  float chance(size_t sample, const SamplePattern& pattern) const;
 
   const PixelRect& rect() const { return rect_; }
   int perPixel() const { return perPixel_; }
@@ -68,6 +78,7 @@ class SampleBuffer {
   int perPixel_ = 0, rowStride_ = 0, blocksX_ = 0, blocksY_ = 0;
   std::vector<float> blockDepth_;  // farthest depth in the block
   std::vector<uint8_t> blockStale_;
+  std::vector<float> start_;
 };
 
 }  // namespace fr::reyes

@@ -56,6 +56,12 @@ void drawFaces(uint32_t count, std::vector<Fragment>* fragments, std::vector<Fra
   }
 }
 
+template <class IsUnseen>
+void eraseFragments(std::vector<Fragment>& fragments, size_t first, IsUnseen&& isUnseen) {
+  fragments.erase(std::remove_if(fragments.begin() + ptrdiff_t(first), fragments.end(), isUnseen),
+                  fragments.end());
+}
+
 /// A hit that no kernel drew.
 void addHit(uint32_t sample, uint32_t hit, float key, std::vector<Fragment>* fragments,
             RasterTarget& target) {
@@ -92,6 +98,7 @@ void TileHider::hide(int tile, const PixelRect& rect, TileView& view) {
   resolving_ = 0;
   view.tile = tile;
   view.samples.reset(rect, scene_.pattern, scene_.space.open().farKey());
+  if (scene_.lines.hasPlanes()) view.samples.limit(scene_.pattern, scene_.lines, scene_.space.open());
   view.grids.clear(), view.ranks.clear(), view.fragments.clear(), view.firstFragment.clear();
   heap_.clear();
   solids_.begin();
@@ -247,8 +254,11 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   target.depth = isSolid ? solids_.unlimited(samples.size()) : samples.depth.data();
   target.hit = samples.hit.data();
   target.slotRank = view.ranks.data();
+  // What samples do not see of the grid is taken out of the list of fragments, so they make one first.
   const bool trimmed = grid.flags & cache::kGridTrimmed;
-  const bool hides = g.traits.opaque && !trimmed && !isSolid;
+  const bool thinned = g.traits.thinning[0] > 0 || g.traits.thinning[1] > 0;
+  const bool cut = trimmed || (!isSolid && (thinned || samples.startsLate()));
+  const bool hides = g.traits.opaque && !cut && !isSolid;
   std::vector<Fragment>& fragments = isSolid ? solids_.crossings() : view.fragments;
   std::vector<Fragment>* to = hides ? nullptr : &fragments;
   const size_t firstFragment = fragments.size();
@@ -290,12 +300,26 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   if (trimmed) {
     const cache::PatchTrim trim = scene_.cache->trimOf(node);
     const cache::PatchNode& place = scene_.cache->node(node);
-    const auto cut = [&](const Fragment& f) {
+    eraseFragments(fragments, firstFragment, [&](const Fragment& f) {
       const Vec2 uv = patchParameters(g, view, scene_.space, place, f.hit & kTriangleMask, f.sample);
       return trim.removed(uv.x, uv.y);
-    };
-    fragments.erase(std::remove_if(fragments.begin() + ptrdiff_t(firstFragment), fragments.end(), cut),
-                    fragments.end());
+    });
+  }
+  if (cut && !isSolid) {
+    if (thinned)
+      eraseFragments(fragments, firstFragment, [&](const Fragment& f) {
+        const float chance = samples.chance(f.sample, scene_.pattern);
+        return chance < g.traits.thinning[0] || chance >= 1 - g.traits.thinning[1];
+      });
+    if (samples.startsLate())
+      eraseFragments(fragments, firstFragment,
+                     [&](const Fragment& f) { return f.depth < samples.start(f.sample); });
+    if (g.traits.opaque) {
+      for (size_t i = firstFragment; i < fragments.size(); ++i)
+        addHit(fragments[i].sample, fragments[i].hit, fragments[i].depth, nullptr, target);
+      fragments.resize(firstFragment);
+      samples.touched(0, 0, rect.width() - 1, rect.height() - 1);
+    }
   }
   if (hides && target.column1 >= 0) samples.touched(target.column0, target.row0, target.column1, target.row1);
   statistics_.micropolygonsTested += target.trianglesTested / (meshlet || blurred ? 1 : 2);

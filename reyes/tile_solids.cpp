@@ -40,6 +40,7 @@ bool TileSolids::resolve(TileView& view) {
       const TileGrid& g = view.grids[f.hit >> kTriangleBits];
       if (!g.shows) return true;
       if (f.depth > samples.depth[sample]) return false;
+      if (f.depth < samples.start(sample)) return true;
       if (!g.traits.opaque) {
         view.fragments.push_back({f.sample, f.hit, f.depth, 0});
         return true;

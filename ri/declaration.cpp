@@ -2,6 +2,9 @@
 
 #include <array>
 #include <cctype>
+#include <cstring>
+#include <deque>
+#include <unordered_map>
 
 namespace fr::ri {
 namespace {
@@ -354,15 +357,22 @@ Result<void> Dictionary::declare(std::string_view name, std::string_view declara
 
 std::optional<Declaration> Dictionary::find(std::string_view name, std::string_view context) const {
   if (const auto it = user_.find(name); it != user_.end()) return it->second;
-  using Map = std::map<std::string, Declaration, std::less<>>;
+  // Asked for every bare parameter of a file: "context:name" without building a string.
+  using Map = std::unordered_map<std::string_view, Declaration>;
   static const Map& builtIn = *[] {
+    static std::deque<std::string> keys;
     auto* m = new Map;
     for (const BuiltIn& b : kGeneral) m->emplace(b.name, b.d);
-    for (const ContextBuiltIn& b : kInContext) m->emplace(fmt::format("{}:{}", b.context, b.name), b.d);
+    for (const ContextBuiltIn& b : kInContext)
+      m->emplace(keys.emplace_back(fmt::format("{}:{}", b.context, b.name)), b.d);
     return m;
   }();
-  if (!context.empty()) {
-    if (const auto it = builtIn.find(fmt::format("{}:{}", context, name)); it != builtIn.end())
+  char key[96];
+  if (!context.empty() && context.size() + 1 + name.size() <= sizeof key) {
+    std::memcpy(key, context.data(), context.size());
+    key[context.size()] = ':';
+    std::memcpy(key + context.size() + 1, name.data(), name.size());
+    if (const auto it = builtIn.find({key, context.size() + 1 + name.size()}); it != builtIn.end())
       return it->second;
   }
   if (const auto it = builtIn.find(name); it != builtIn.end()) return it->second;

@@ -214,6 +214,10 @@ class GraphicsState {
 
   // Lights.
   const LightInstance& addLight(Handle handle, bool isArea, ShaderPtr shader);
+  /// Nothing happens for a light that is not there.
+  void setLightShader(int light, ShaderPtr shader) {
+    if (light >= 0 && size_t(light) < lights_.size()) lights_[size_t(light)].shader = std::move(shader);
+  }
   const LightInstance* findLight(const Handle& handle) const;
   void illuminate(int light, bool on);
 

@@ -14,6 +14,7 @@ namespace fr::ri {
 namespace {
 
 constexpr size_t kWindow = size_t(256) << 10;
+constexpr size_t kBehind = 8;  // bytes behind the window: a 0, and what is read together with the last ones
 
 enum CharClass : uint8_t { kWordChar = 0, kBlank = 1, kDelimiter = 2, kHigh = 3 };
 
@@ -53,7 +54,7 @@ size_t microsoftNonFinite(const char* p, const char* end) {
 Lexer::Lexer(std::unique_ptr<Input> input, std::string name, int firstLine)
     : input_(std::move(input)), name_(std::move(name)), tables_(std::make_shared<BinaryTables>()) {
   capacity_ = kWindow;
-  buffer_ = std::make_unique<char[]>(capacity_ + 1);
+  buffer_ = std::make_unique<char[]>(capacity_ + kBehind);
   cur_ = end_ = buffer_.get();
   buffer_[0] = 0;
   line_ = firstLine;
@@ -88,7 +89,7 @@ bool Lexer::refill(const char* keep) {
     base_ = keptOffset;
   }
   if (kept == capacity_) {  // one token fills the window; the input has given as many bytes as we ask for now
-    auto bigger = std::make_unique<char[]>(capacity_ * 2 + 1);
+    auto bigger = std::make_unique<char[]>(capacity_ * 2 + kBehind);
     std::memcpy(bigger.get(), buffer_.get(), kept);
     capacity_ *= 2;
     buffer_ = std::move(bigger);
@@ -111,9 +112,10 @@ void Lexer::countLines(uint64_t upTo) const {
   for (; p < stop; ++p) {
     // Eight bytes at a time where no carriage return makes it hard: every byte of a file comes by here.
     if (!afterReturn_) {
-      while (stop - p >= 8) {
+      while (p < stop) {
         uint64_t word = 0;
-        std::memcpy(&word, p, 8);
+        std::memcpy(&word, p, 8);  // there is room for it behind the window
+        if (stop - p < 8) word &= (uint64_t(1) << 8 * (stop - p)) - 1;
         if (bytesEqual(word, '\r')) break;
         if (const uint64_t ends = bytesEqual(word, '\n')) {
           line_ += std::popcount(ends);
@@ -121,7 +123,7 @@ void Lexer::countLines(uint64_t upTo) const {
         }
         p += 8;
       }
-      if (p == stop) break;
+      if (p >= stop) break;
     }
     if (*p == '\n') {
       if (!afterReturn_) ++line_;

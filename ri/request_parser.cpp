@@ -243,9 +243,9 @@ void RequestParser::numbers(std::span<double> out) {
     return next();
   }
   if (lexer_.kind() == TokenKind::kArrayBegin) {
-    std::vector<double> a;
-    if (!lexer_.readNumbers(a) || a.size() != out.size()) return wrong(a.size());
-    std::copy(a.begin(), a.end(), out.begin());
+    numbers_.clear();
+    if (!lexer_.readNumbers(numbers_) || numbers_.size() != out.size()) return wrong(numbers_.size());
+    std::copy(numbers_.begin(), numbers_.end(), out.begin());
     keepComment();
     return;
   }

@@ -109,6 +109,7 @@ class RequestParser : public Locator {
   std::optional<Error> stopError_;
   std::vector<std::pair<RecordKind, std::string>> comments_;
   std::vector<Branch> branches_;
+  std::vector<double> numbers_;  // of a fixed number in brackets
 };
 
 using RequestHandler = void (*)(RequestParser&);

@@ -32,12 +32,18 @@ std::optional<Color> StateRenderer::toRgb(std::span<const float> c, const char* 
 }
 
 void StateRenderer::color(std::span<const float> c) {
-  if (!attributeAllowed("Color")) return;
-  if (const auto rgb = toRgb(c, "Color")) state_.editAttributes().color = *rgb;
+  const bool now = attributeAllowed("Color");
+  if (!now && !laterSample("Color")) return;
+  const auto rgb = toRgb(c, "Color");
+  if (rgb && motion_) motion_->colors.push_back(*rgb);
+  if (rgb && now) state_.editAttributes().color = *rgb;
 }
 void StateRenderer::opacity(std::span<const float> c) {
-  if (!attributeAllowed("Opacity")) return;
-  if (const auto rgb = toRgb(c, "Opacity")) state_.editAttributes().opacity = *rgb;
+  const bool now = attributeAllowed("Opacity");
+  if (!now && !laterSample("Opacity")) return;
+  const auto rgb = toRgb(c, "Opacity");
+  if (rgb && motion_) motion_->colors.push_back(*rgb);
+  if (rgb && now) state_.editAttributes().opacity = *rgb;
 }
 
 void StateRenderer::textureCoordinates(const std::array<float, 8>& st) {
@@ -56,7 +62,8 @@ ShaderPtr StateRenderer::makeShader(ShaderKind kind, std::string name, ParamList
 
 void StateRenderer::shader(ShaderKind kind, std::string name, ParamList params) {
   const char* request = shaderKindName(kind);
-  if (kind == ShaderKind::kImager ? !optionAllowed(request) : !attributeAllowed(request)) return;
+  const bool now = kind == ShaderKind::kImager ? optionAllowed(request) : attributeAllowed(request);
+  if (!now && (kind == ShaderKind::kImager || !laterSample(request))) return;
   // "null" is a shader of its own for surfaces (nothing is drawn); for the others it is their absence.
   const bool none = name.empty() || (name == "null" && kind != ShaderKind::kSurface);
   ShaderPtr s = none ? nullptr : makeShader(kind, std::move(name), std::move(params));
@@ -64,6 +71,11 @@ void StateRenderer::shader(ShaderKind kind, std::string name, ParamList params) 
     state_.editOptions().imager = std::move(s);
     return;
   }
+  if (motion_) motion_->shaders.push_back(s);
+  if (now) setShader(kind, std::move(s));
+}
+
+void StateRenderer::setShader(ShaderKind kind, ShaderPtr s) {
   AttributeState& a = state_.editAttributes();
   switch (kind) {
     case ShaderKind::kSurface:
@@ -89,20 +101,35 @@ void StateRenderer::shader(ShaderKind kind, std::string name, ParamList params) 
   }
 }
 
+/// True when the request makes a light now; a later key of a motion is only remembered.
+bool StateRenderer::lightKey(const char* request, ShaderKind kind, std::string& name, ParamList& params) {
+  if (attributeAllowed(request)) return true;
+  if (laterSample(request)) motion_->shaders.push_back(makeShader(kind, std::move(name), std::move(params)));
+  return false;
+}
+
+void StateRenderer::moveLight(const LightInstance& l) {
+  if (motion_) motion_->light = l.index, motion_->shaders.push_back(l.shader);
+}
+
 void StateRenderer::lightSource(std::string name, Handle handle, ParamList params) {
-  if (!attributeAllowed("LightSource")) return;
-  onLight(state_.addLight(std::move(handle), false,
-                          makeShader(ShaderKind::kLight, std::move(name), std::move(params))));
+  if (!lightKey("LightSource", ShaderKind::kLight, name, params)) return;
+  const LightInstance& l = state_.addLight(
+      std::move(handle), false, makeShader(ShaderKind::kLight, std::move(name), std::move(params)));
+  moveLight(l);
+  onLight(l);
 }
 
 void StateRenderer::areaLightSource(std::string name, Handle handle, ParamList params) {
-  if (!attributeAllowed("AreaLightSource")) return;
+  if (!lightKey("AreaLightSource", ShaderKind::kAreaLight, name, params)) return;
   if (name.empty() || name == "null") {
     state_.editAttributes().areaLight = -1;
     return;
   }
-  onLight(state_.addLight(std::move(handle), true,
-                          makeShader(ShaderKind::kAreaLight, std::move(name), std::move(params))));
+  const LightInstance& l = state_.addLight(
+      std::move(handle), true, makeShader(ShaderKind::kAreaLight, std::move(name), std::move(params)));
+  moveLight(l);
+  onLight(l);
 }
 
 void StateRenderer::illuminate(Handle light, bool on) {
@@ -145,12 +172,16 @@ void StateRenderer::matte(bool on) {
   if (attributeAllowed("Matte")) state_.editAttributes().matte = on;
 }
 void StateRenderer::bound(const Bound& b) {
-  if (!attributeAllowed("Bound") || !motionSample("Bound")) return;
+  const bool now = attributeAllowed("Bound");
+  if (motion_ && (now || laterSample("Bound"))) motion_->bounds.push_back(b);
+  if (!now) return;
   AttributeState& a = state_.editAttributes();
   a.bound = b, a.boundSpace = state_.shareCtm();
 }
 void StateRenderer::detail(const Bound& b) {
-  if (!attributeAllowed("Detail") || !motionSample("Detail")) return;
+  const bool now = attributeAllowed("Detail");
+  if (motion_ && (now || laterSample("Detail"))) motion_->bounds.push_back(b);
+  if (!now) return;
   AttributeState& a = state_.editAttributes();
   a.detail = b, a.detailSpace = state_.shareCtm();
 }

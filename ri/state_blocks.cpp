@@ -276,7 +276,7 @@ void StateRenderer::motionEnd() {
     m.primitives.resize(std::min(m.primitives.size(), n));
     m.times.resize(m.primitives.size());
     emit(std::move(m.times), std::move(m.primitives));
-  } else if (m.count > 1) {
+  } else if (!endMovingAttribute(m) && m.count > 1) {
     reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
                    fmt::format("motion of {} is not rendered; its first sample is used", m.request));
   }

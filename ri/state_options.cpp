@@ -26,7 +26,11 @@ const Param* StateRenderer::variable(std::string_view name) const {
     }
   }
   if (const Param* p = state_.attributes().values.find(name)) return p;
-  return state_.options().values.find(name);
+  if (const Param* p = state_.options().values.find(name)) return p;
+  // Mosaic and others leave the category out.
+  if (name.find(':') != std::string_view::npos) return nullptr;
+  if (const Param* p = state_.attributes().values.find("user", name)) return p;
+  return state_.options().values.find("user", name);
 }
 
 // Options are frozen while a world is read (RISpec 3.2, section 4).

@@ -68,6 +68,10 @@ struct MotionBlock {
   size_t count = 0;     // how many came
   std::vector<TransformRequest> transforms;
   std::vector<Primitive> primitives;
+  std::vector<Color> colors;
+  std::vector<ShaderPtr> shaders;  // nullptr: none
+  std::vector<Bound> bounds;
+  int light = -1;  // whose shader moves
   SourceLocation location;
 };
 
@@ -202,6 +206,13 @@ class StateRenderer : public Renderer {
   bool optionAllowed(const char* request);
   bool attributeAllowed(const char* request);
   bool motionSample(const std::string& request);
+  /// Another key of the motion that `request` has begun: remember it.
+  bool laterSample(const char* request) const;
+  bool endMovingAttribute(MotionBlock& m);
+  ShaderPtr meanShader(const std::vector<ShaderPtr>& keys, const std::vector<double>& weights);
+  void setShader(ShaderKind kind, ShaderPtr s);
+  void moveLight(const LightInstance& l);
+  bool lightKey(const char* request, ShaderKind kind, std::string& name, ParamList& params);
   bool check(Result<void> r);
   void closeBlock(BlockKind kind);
   void applyTransform(TransformRequest request);

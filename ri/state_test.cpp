@@ -264,6 +264,13 @@ TEST(State, ConditionsSeeUserAttributes) {
       "360 Else Disk 0 1 360 IfEnd WorldEnd FrameEnd");
   ASSERT_EQ(s.primitives.size(), 1u) << s.reports.str();
   EXPECT_TRUE(std::holds_alternative<Sphere>(s.primitives[0].source->samples[0]));
+  // Without its category, as an option too; the attribute wins.
+  Scene t;
+  t.read(
+      "Option \"user\" \"string Pass\" \"Beauty\" \"int level\" 1 WorldBegin Attribute \"user\" \"int "
+      "level\" 3 "
+      "IfBegin \"$Pass == 'Beauty' && $level > 2\" Sphere 1 -1 1 360 IfEnd WorldEnd");
+  EXPECT_EQ(t.primitives.size(), 1u) << t.reports.str();
 }
 
 TEST(State, NamedSpaces) {
@@ -325,6 +332,39 @@ TEST(Motion, MovingCamera) {
       "MotionBegin [0 1] Translate 0 0 5 Translate 0 0 7 MotionEnd LightSource \"l\" 1 WorldBegin WorldEnd");
   ASSERT_TRUE(s.cameras[0].worldToCamera->isMoving());
   expectNear(transformPoint(s.cameras[0].worldToCamera->at(1), DVec3(0)), {0, 0, 7});
+}
+
+// Shaded once, so what moves has its mean over the shutter: between keys at 0 and 1, that of 0.25 to 0.75 is
+// in the middle; with keys at 0, 0.5 and 1 each end counts an eighth.
+TEST(Motion, AttributesHaveTheirMeanOverTheShutter) {
+  Scene s;
+  s.read(
+      "Shutter .25 .75 WorldBegin\n"
+      "MotionBegin [0 1] LightSource \"l\" 1 \"float i\" 1 LightSource \"l\" 1 \"float i\" 3 MotionEnd\n"
+      "MotionBegin [0 1] Color 0 0 1 Color 1 0 0 MotionEnd\n"
+      "MotionBegin [0 0.5 1] Opacity 0 0 0 Opacity 1 1 1 Opacity 0 0 0 MotionEnd\n"
+      "MotionBegin [0 1] Surface \"p\" \"float a\" 2 \"string n\" \"x\" Surface \"p\" \"float a\" 4 \"string "
+      "n\" "
+      "\"x\" MotionEnd\n"
+      "MotionBegin [0 1] Bound [-1 1 -1 1 -1 1] Bound [0 2 -1 1 -1 1] MotionEnd\n"
+      "Sphere 1 -1 1 360 WorldEnd");
+  EXPECT_TRUE(s.reports.errors.empty()) << s.reports.str();
+  const AttributeState& a = *s.primitives[0].attributes;
+  EXPECT_EQ(a.color, Color(0.5f, 0, 0.5f));
+  EXPECT_EQ(a.opacity, Color(0.75f));
+  EXPECT_EQ(a.surface->params.find("a")->floats[0], 3);
+  EXPECT_EQ(a.surface->params.find("n")->strings[0], "x");
+  EXPECT_EQ((*a.bound)[0], -1);
+  EXPECT_EQ((*a.bound)[1], 2);
+  // Other shaders, or other parameters, in each key: the first.
+  Scene t;
+  t.read(
+      "Shutter 0 1 WorldBegin MotionBegin [0 1] Surface \"p\" \"float a\" 2 Surface \"q\" MotionEnd\n"
+      "MotionBegin [0 1] Displacement \"p\" \"float a\" 2 Displacement \"p\" MotionEnd\n"
+      "Sphere 1 -1 1 360 WorldEnd");
+  EXPECT_EQ(t.reports.count(RiError::kBadMotion), 2);
+  EXPECT_EQ(t.primitives[0].attributes->surface->name, "p");
+  EXPECT_EQ(t.primitives[0].attributes->displacement->params.find("a")->floats[0], 2);
 }
 
 TEST(Motion, WrongBlocks) {

@@ -138,6 +138,8 @@ ShaderRecord AttributeRecords::shaderRecord(const ri::ShaderInstance& s) {
   }
   r.params = writer_.addParams(s.params);
   r.areaLightObject = r.attributes = kNone;
+  r.locationFile = writer_.intern(s.location.file);
+  r.locationLine = uint32_t(std::max(s.location.line, 0));
   return r;
 }
 
@@ -249,10 +251,11 @@ float AttributeRecords::displacementBound(const ri::AttributeState& a,
 }
 
 AttributeId AttributeRecords::attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld,
-                                         bool subtracted) {
+                                         Thinning thinning, bool subtracted) {
   const AttributeRecord* known = states_.find(a);
   AttributeRecord r = known ? *known : states_.add(a, baseRecord(*a, true));
   r.displacementBound = displacementBound(*a, objectToWorld);
+  r.thinning[0] = thinning.below, r.thinning[1] = thinning.above;
   // RISpec 3.2, "Orientation and Sides": camera space is left-handed, and the normal of a surface in a space
   // is dPdu x dPdv computed there, turned over when orientation and handedness disagree. The graphics state
   // says whether they disagree in *object* space (`reversed`). The same cross product in camera space has the

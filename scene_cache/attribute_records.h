@@ -41,6 +41,12 @@ RayVisibility rayVisibility(const ri::NamedValues& attributes);
 /// Largest factor by which the linear part of `m` stretches a vector (its largest singular value).
 double largestStretch(const DMat4& m);
 
+/// Which samples see a representation, as in AttributeRecord::thinning.
+struct Thinning {
+  float below = 0, above = 0;
+  bool seen() const { return below < 1 - above; }
+};
+
 /// The records of one world. Not thread-safe.
 class AttributeRecords {
  public:
@@ -49,9 +55,10 @@ class AttributeRecords {
                    std::optional<float> shadingRate);
 
   TransformId transform(const ri::TransformPtr& t);
+  Result<ri::TransformPtr> toWorld(const ri::PlacedTransform& space) const { return state_.toWorld(space); }
   /// The state `a` for a primitive with this transform: displacement bound in world units, orientation.
   /// `subtracted`: it bounds a solid that is taken away from another (kSubtracted).
-  AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld,
+  AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld, Thinning thinning,
                          bool subtracted = false);
   /// kNone for a null pointer.
   ShaderId shader(const ri::ShaderPtr& s);

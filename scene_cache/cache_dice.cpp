@@ -124,7 +124,7 @@ Box3f sampledBound(const Surface& s, const NodeRect& n) {
 }
 
 /// Collapsed border vertices may lie a micropolygon or two outside the node's own rectangle.
-float collapseMargin(const DiceRate& rate, const Box3f& box) {
+Vec3 collapseMargin(const DiceRate& rate, const Box3f& box) {
   float distance = 1;
   if (rate.perspective) {
     const Vec3 far = glm::max(glm::abs(box.min - rate.eye), glm::abs(box.max - rate.eye));
@@ -135,7 +135,9 @@ float collapseMargin(const DiceRate& rate, const Box3f& box) {
       distance = std::max(distance, 1 / rate.cylinderWeight(p, p));
     }
   }
-  return 3.0f * kLongestSegment * distance / rate.scale;
+  // Along the axis of an orthographic camera micropolygons are longer.
+  return (Vec3(1) + (1 / rate.alongAxis - 1) * glm::abs(rate.axis)) *
+         (3.0f * kLongestSegment * distance / rate.scale);
 }
 
 /// A place of every vertex of a meshlet: a corner of the first triangle that has it.
@@ -221,7 +223,9 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
       made[c].iu = children[c].iu, made[c].iv = children[c].iv;
       made[c].du = children[c].du, made[c].dv = children[c].dv;
       std::copy_n(children[c].edgeRootDepth, 4, made[c].edgeRootDepth);
-      bounds[c].grow(collapseMargin(rate, bounds[c]) + std::max(0.0f, attributes.displacementBound));
+      const Vec3 margin =
+          collapseMargin(rate, bounds[c]) + Vec3(std::max(0.0f, attributes.displacementBound));
+      bounds[c].min -= margin, bounds[c].max += margin;
       // Never larger than the parent, which holds all of it.
       made[c].bound = {glm::max(bounds[c].min, n.bound.min), glm::min(bounds[c].max, n.bound.max)};
     }

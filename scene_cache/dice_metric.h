@@ -1,6 +1,8 @@
 // How finely curves are diced: size over distance, whatever the curve's direction, so that a grid does not
-// depend on who asks for it. What lies outside the camera's cone is seen by rays alone and is rated coarser,
-// gradually, down to a quarter: a narrow view would otherwise dice many times its own area around the eye.
+// depend on who asks for it. Orthographic cameras look at everything in one direction, and lengths in it
+// count less: nothing else would make a wall coarse that leads away from the eye. What lies outside the
+// camera's cone is seen by rays alone and is rated coarser, gradually, down to a quarter: a narrow view would
+// otherwise dice many times its own area around the eye.
 #pragma once
 
 #include "base/math.h"
@@ -43,6 +45,7 @@ struct DiceRate {
   Vec3 axis{0, 0, 1};                   // of the camera's cone
   float cone = 3.2f;                    // its half angle
   float radius = 1e30f;                 // orthographic: of the camera's cylinder
+  float alongAxis = 1;                  // orthographic: how much lengths along the line of sight count
   float undicedEdge = kLongestSegment;  // an edge up to this many micropolygons stays whole
   float flatness = 0;                   // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.

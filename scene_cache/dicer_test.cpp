@@ -223,6 +223,16 @@ TEST(Grid, MicropolygonsAreAboutAPixel) {
 // Nothing but its distance from what an orthographic camera sees makes a ground plane coarse: within the
 // cylinder around the view its micropolygons are what they are for a small plane, outside as much larger as
 // they are farther.
+// Two units high, 4000 deep, and one pixel wide on the raster: in cells of 0.04 units 5 million of them, and
+// a sixteenth of that when lengths along the line of sight count as much less. Edges rated by their longest
+// piece and in powers of two may make it four times as many.
+TEST(Grid, AWallThatLeadsAwayFromAnOrthographicCameraIsNotDicedWhole) {
+  DiceScene scene(diceWorld("Format 100 100 1\nProjection \"orthographic\"\nScreenWindow -2 2 -2 2\n",
+                            "Patch \"bilinear\" \"P\" [0 -1 1 0.04 -1 4000 0 1 1 0.04 1 4000]"));
+  scene.forEachGrid([](NodeId, const GridRecord&) {});
+  EXPECT_LT(scene.cache->statistics().micropolygonsDiced, uint64_t(4 * 50 * 100000 / 16));
+}
+
 TEST(Grid, AGroundPlaneUnderAnOrthographicCameraEnds) {
   const auto micropolygons = [](double size) {
     DiceScene scene(diceWorld(
@@ -232,9 +242,10 @@ TEST(Grid, AGroundPlaneUnderAnOrthographicCameraEnds) {
     scene.forEachGrid([](NodeId, const GridRecord&) {});
     return double(scene.cache->statistics().micropolygonsDiced);
   };
-  // The plane's area in micropolygons of 0.08 units; then 2 pi R^2 (ln L - ln R) of them outside a radius
-  // of 3. Powers of two, and edges rated by their nearest place, may make it eight times as many.
-  EXPECT_GT(micropolygons(2), 4 * 4 / 0.0064);
+  // The plane's area in micropolygons of 0.08 units, as it is seen at 60 degrees; then 2 pi R^2 (ln L - ln R)
+  // of them outside a radius of 3. Powers of two, and edges rated by their nearest place, may make it eight
+  // times as many.
+  EXPECT_GT(micropolygons(2), 4 * 4 * 0.86 / 0.0064);
   const double expected = 9 * 6.3 / 0.0064 * std::log(1e5 / 3);
   EXPECT_LT(micropolygons(1e5), 8 * expected);
 }

@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 6;
+inline constexpr uint32_t kFormatVersion = 7;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -61,7 +61,8 @@ struct StringRecord {
   uint32_t pad;
 };
 
-/// kFaceVertex has as many values as kFaceVarying, and is smooth on subdivision meshes whatever their tags say.
+/// kFaceVertex has as many values as kFaceVarying, and is smooth on subdivision meshes whatever their tags
+/// say.
 enum class ParamClass : uint8_t { kConstant, kUniform, kVarying, kVertex, kFaceVarying, kFaceVertex };
 enum class ParamType : uint8_t {
   kFloat,
@@ -106,7 +107,8 @@ struct ShaderRecord {
   uint32_t areaLightObject;  // first object of an area light, else kNone
   StringId handle;           // light handle as text, "" otherwise
   uint32_t attributes;       // for lights: the attribute state at declaration (kNone: none)
-  uint32_t pad;
+  StringId locationFile;     // of the request that made it first, for messages
+  uint32_t locationLine;
 };
 inline constexpr uint32_t kLightShadows = 1;  // Attribute "light" "shadows" "on"
 
@@ -162,7 +164,9 @@ struct AttributeRecord {
   float bias;          // Attribute "trace" "bias"; < 0: not set
   uint32_t groups;     // StringId of grouping:membership
   uint32_t areaLight;  // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
-  float flatness;  // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
+  float flatness;     // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
+  float thinning[2];  // of a representation in transition (DetailRange): only samples and rays whose chance
+                      // is in [thinning[0], 1 - thinning[1]) see it. 0 0: all
 };
 
 enum class PrimitiveType : uint8_t {
@@ -300,6 +304,7 @@ inline constexpr uint8_t kGridSprites = 8;
 // --------------------------------------------------------------------------------------
 
 enum class ProjectionType : uint32_t { kOrthographic, kPerspective };
+inline constexpr uint32_t kMaxClippingPlanes = 16;
 
 struct CameraRecord {
   TransformId worldToCamera;
@@ -314,6 +319,8 @@ struct CameraRecord {
   float clipping[2];
   float shutter[2];
   float dof[3];  // fstop focallength focaldistance; fstop >= kRiInfinity: pinhole
+  uint32_t clippingPlaneCount;
+  float clippingPlanes[kMaxClippingPlanes][4];  // camera space: nobody sees where nx x + ny y + nz z > d
 };
 
 struct DisplayRecord {

@@ -45,6 +45,33 @@ CameraRecord cameraRecord(const ri::Camera& c, const ri::Options& o, TransformId
   return r;
 }
 
+/// The planes as the camera sees them at shutter open.
+void addClippingPlanes(const ri::Options& o, const ri::TransformPtr& worldToCamera,
+                       const AttributeRecords& records, CameraRecord* r) {
+  for (const ri::ClippingPlane& plane : o.clippingPlanes) {
+    if (r->clippingPlaneCount == kMaxClippingPlanes)
+      return report(makeError(RiError::kLimit, "{} clipping planes; no more than {} cut anything away",
+                              o.clippingPlanes.size(), kMaxClippingPlanes));
+    auto toWorld = records.toWorld(plane.space);
+    if (!toWorld) {
+      report(std::move(toWorld).error().context("ClippingPlane"));
+      continue;
+    }
+    DMat4 toCamera = (**toWorld).matrices.front();
+    if (worldToCamera) toCamera = worldToCamera->matrices.front() * toCamera;
+    const DVec3 normal = glm::transpose(glm::inverse(DMat3(toCamera))) * plane.normal;
+    const double length = glm::length(normal);
+    const double distance = glm::dot(normal, DVec3(toCamera * DVec4(plane.point, 1))) / length;
+    if (!(length > 0) || !std::isfinite(length) || !(std::abs(distance) < kLargest)) {
+      report(makeError(RiError::kMath, "ClippingPlane: no plane in camera space; ignored"));
+      continue;
+    }
+    float* out = r->clippingPlanes[r->clippingPlaneCount++];
+    for (int k = 0; k < 3; ++k) out[k] = float(normal[k] / length);
+    out[3] = float(distance);
+  }
+}
+
 void setQuantize(const ri::QuantizeState& q, float out[4]) {
   out[0] = float(q.one), out[1] = float(q.min), out[2] = float(q.max), out[3] = q.dither;
 }
@@ -156,18 +183,15 @@ ri::Options overridden(ri::Options o, const FrameOverrides& with, const FrameDef
 void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCamera, int frameNumber,
                        AttributeRecords& records, SkeletonWriter* writer) {
   SkeletonWriter& w = *writer;
-  if (!o.clippingPlanes.empty())
-    reportOnce("ClippingPlane", {RiError::kUnimplemented,
-                                 Severity::kWarning,
-                                 {},
-                                 "ClippingPlane is not implemented; nothing is cut away"});
   if (o.screenTransform && *o.screenTransform != ri::Transform())
     reportOnce("screen transform", {RiError::kUnimplemented,
                                     Severity::kWarning,
                                     {},
                                     "transformations before Projection are not implemented; ignored"});
   const ri::Camera c = ri::makeCamera(o, worldToCamera);
-  w.setCamera(cameraRecord(c, o, records.transform(worldToCamera)));
+  CameraRecord camera = cameraRecord(c, o, records.transform(worldToCamera));
+  addClippingPlanes(o, worldToCamera, records, &camera);
+  w.setCamera(camera);
   const DVec3 origin = chooseCacheOrigin(worldToCamera ? worldToCamera->matrices.front() : DMat4(1), c.near);
   w.setCacheOrigin(origin);
 

@@ -31,6 +31,7 @@ uint64_t compute() {
   FR_SIZE(ShaderRecord), FR_AT(ShaderRecord, name), FR_AT(ShaderRecord, kind), FR_AT(ShaderRecord, transform);
   FR_AT(ShaderRecord, params), FR_AT(ShaderRecord, lightFlags), FR_AT(ShaderRecord, lightSamples);
   FR_AT(ShaderRecord, areaLightObject), FR_AT(ShaderRecord, handle), FR_AT(ShaderRecord, attributes);
+  FR_AT(ShaderRecord, locationFile), FR_AT(ShaderRecord, locationLine);
   FR_SIZE(NamedSpaceRecord), FR_AT(NamedSpaceRecord, name), FR_AT(NamedSpaceRecord, transform);
   FR_SIZE(AttributeRecord), FR_AT(AttributeRecord, color), FR_AT(AttributeRecord, opacity);
   FR_AT(AttributeRecord, shadingRate), FR_AT(AttributeRecord, patchMultiplier);
@@ -41,6 +42,7 @@ uint64_t compute() {
   FR_AT(AttributeRecord, attributes), FR_AT(AttributeRecord, textureCoordinates),
       FR_AT(AttributeRecord, bias);
   FR_AT(AttributeRecord, groups), FR_AT(AttributeRecord, areaLight), FR_AT(AttributeRecord, flatness);
+  FR_AT(AttributeRecord, thinning);
   FR_SIZE(ObjectRecord), FR_AT(ObjectRecord, type), FR_AT(ObjectRecord, sides), FR_AT(ObjectRecord, keyCount);
   FR_AT(ObjectRecord, attributes), FR_AT(ObjectRecord, transform), FR_AT(ObjectRecord, surfaceGroup);
   FR_AT(ObjectRecord, primvars), FR_AT(ObjectRecord, firstPatch), FR_AT(ObjectRecord, patchCount);
@@ -66,7 +68,7 @@ uint64_t compute() {
   FR_AT(CameraRecord, fov), FR_AT(CameraRecord, screenWindow), FR_AT(CameraRecord, resolution);
   FR_AT(CameraRecord, pixelAspect), FR_AT(CameraRecord, frameAspect), FR_AT(CameraRecord, cropWindow);
   FR_AT(CameraRecord, cropPixels), FR_AT(CameraRecord, clipping), FR_AT(CameraRecord, shutter);
-  FR_AT(CameraRecord, dof);
+  FR_AT(CameraRecord, dof), FR_AT(CameraRecord, clippingPlaneCount), FR_AT(CameraRecord, clippingPlanes);
   FR_SIZE(DisplayRecord), FR_AT(DisplayRecord, name), FR_AT(DisplayRecord, type), FR_AT(DisplayRecord, mode);
   FR_AT(DisplayRecord, params), FR_AT(DisplayRecord, quantize), FR_AT(DisplayRecord, exposure);
   FR_SIZE(OptionsRecord), FR_AT(OptionsRecord, pixelSamples), FR_AT(OptionsRecord, filter);

@@ -110,7 +110,7 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   const ri::Primitive& primitive = source.samples.front();
   if (const auto* g = std::get_if<ri::Geometry>(&primitive); g && g->type == "teapot") return teapot(p);
   if (p.attributes->deformation) notImplemented("Deformation", "surfaces keep their shape", source.location);
-  if (!inDetailRange(*p.attributes)) {
+  if (!detailThinning(*p.attributes).seen()) {
     ++w.counts.otherDetail;
     return;
   }
@@ -165,8 +165,8 @@ bool SceneBuilder::add(const ri::PlacedPrimitive& p, float fixedRate) {
   } else {
     d.solid = w.solids.leaf();
   }
-  d.attributes =
-      w.records.attributes(p.attributes, p.objectToWorld, d.solid != kNone && w.solids.isSubtracted(d.solid));
+  d.attributes = w.records.attributes(p.attributes, p.objectToWorld, detailThinning(*p.attributes),
+                                      d.solid != kNone && w.solids.isSubtracted(d.solid));
   d.sides = fixedRate > 0 ? 0 : sides_;
   d.fixedRate = fixedRate;
   d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform, d.solid);
@@ -186,7 +186,8 @@ bool SceneBuilder::add(const ri::PlacedPrimitive& p, float fixedRate) {
     notImplemented(ri::primitiveName(primitive), "left out", source.location);
   } else {
     if (e.where.file.empty()) e.where = source.location;
-    report(std::move(e).context(ri::primitiveName(primitive)));
+    const char* name = ri::primitiveName(primitive);
+    report(e.message.starts_with(name) ? e : std::move(e).context(name));
   }
   return false;
 }

@@ -90,9 +90,10 @@ class SceneBuilder : public ri::StateRenderer {
     uint8_t sides = 0;
   };
   ScreenExtent extentOf(const ri::Transform& objectToWorld, const ri::Bound& bound) const;
-  /// RISpec 3.2, "Detail": whether geometry made under these attributes is the representation for this
-  /// picture. Where two blend, the nearer one is taken: one of them, whatever their number.
-  bool inDetailRange(const ri::AttributeState& a) const;
+  /// RISpec 3.2, "Detail": which samples see geometry made under these attributes. In a transition those with
+  /// a low chance see the representation that is left, the others the one that is entered: each sees one,
+  /// and shares are the representations' importance. Solids and area lights change in the middle at once.
+  Thinning detailThinning(const ri::AttributeState& a) const;
   /// Whether the Bound in force says that no camera ray meets the primitive, and it may wait until it is
   /// known whether others can.
   bool boundedOut(const ri::PlacedPrimitive& p) const;

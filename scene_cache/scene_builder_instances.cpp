@@ -85,7 +85,7 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
     if (!all.empty()) known.bound = placed(glm::inverse(toCache), {DVec3(all.min), DVec3(all.max)});
     return;
   }
-  const AttributeId id = w.records.attributes(attributes, objectToWorld);
+  const AttributeId id = w.records.attributes(attributes, objectToWorld, detailThinning(*attributes));
   const float rate = w.writer.ok() ? sharedRate(known, w.writer.attributes(id), toCache) : 0.0f;
   if (!(rate > 0)) return StateRenderer::onInstance(object, attributes, objectToWorld);
   addInstance(object, attributes, *objectToWorld, &known, rate);
@@ -94,7 +94,7 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
 bool SceneBuilder::canShare(const ri::RetainedObject& object, const ri::AttributeState& a,
                             const ri::Transform& objectToWorld) const {
   if (objectToWorld.matrices.size() != 1 || !isInvertible(objectToWorld.matrices.front())) return false;
-  if (a.displacement || a.areaLight >= 0 || a.bound || a.deformation || !inDetailRange(a) ||
+  if (a.displacement || a.areaLight >= 0 || a.bound || a.deformation || !detailThinning(a).seen() ||
       world_->solids.open() || object.shapes.empty())
     return false;
   const DMat4& m = objectToWorld.matrices.front();
@@ -174,7 +174,7 @@ void SceneBuilder::addInstance(const ri::RetainedObject& object, const ri::Attri
     o.prototype = part.prototype, o.instance = instance, o.fixedRate = 0;
     o.sides = sides_;
     o.transform = w.records.transform(place);
-    o.attributes = w.records.attributes(attributes, place);
+    o.attributes = w.records.attributes(attributes, place, detailThinning(*attributes));
     o.surfaceGroup = w.writer.surfaceGroup(o.attributes, o.transform);
     o.firstPatch = w.writer.nextRootPatch();
     o.bound = {};

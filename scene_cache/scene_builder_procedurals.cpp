@@ -31,7 +31,7 @@ std::string folderOf(const ri::Reader::Place& place) {
 
 void SceneBuilder::onProcedural(const ri::PlacedProcedural& p) {
   if (!adding() || !p.source) return;
-  if (!inDetailRange(*p.attributes)) {
+  if (!detailThinning(*p.attributes).seen()) {
     ++world_->counts.otherDetail;
     return;
   }
@@ -84,12 +84,25 @@ bool SceneBuilder::raysArePossible() const {
   return false;
 }
 
-bool SceneBuilder::inDetailRange(const ri::AttributeState& a) const {
-  const double low = (double(a.detailRange[0]) + double(a.detailRange[1])) / 2;
-  const double high = (double(a.detailRange[2]) + double(a.detailRange[3])) / 2;
-  if (low <= 0 && high >= double(kRiInfinity)) return true;
+Thinning SceneBuilder::detailThinning(const ri::AttributeState& a) const {
+  const auto& [offLow, onLow, onHigh, offHigh] = a.detailRange;
+  constexpr float kEverything = kRiInfinity;
+  if (onLow <= 0 && onHigh >= kEverything) return {};
   const double detail = a.detail ? extentOf(*a.detailSpace, *a.detail).pixels : double(kRiInfinity);
-  return (low <= 0 || detail > low) && detail <= high;
+  const auto ramp = [detail](float off, float on) {
+    return float(std::clamp((detail - double(off)) / (double(on) - double(off)), 0.0, 1.0));
+  };
+  Thinning t;
+  if (onLow > offLow)
+    t.below = 1 - ramp(offLow, onLow);
+  else if (onLow > 0 && !(detail > double(onLow)))
+    t.below = 1;
+  if (offHigh > onHigh && offHigh < kEverything)
+    t.above = 1 - ramp(offHigh, onHigh);
+  else if (!(detail <= double(offHigh)))
+    t.above = 1;
+  if (!world_->solids.open() && a.areaLight < 0) return t;
+  return t.below <= 0.5f && 0.5f < 1 - t.above ? Thinning{} : Thinning{1, 1};
 }
 
 bool SceneBuilder::boundedOut(const ri::PlacedPrimitive& p) const {

@@ -530,7 +530,7 @@ std::string named(const std::string& name) {
   return "Attribute \"identifier\" \"string name\" \"" + name + "\"\n" + kSphere;
 }
 
-TEST(SceneBuilder, DetailChoosesOneRepresentation) {
+TEST(SceneBuilder, DetailSharesTheSamplesOfATransition) {
   // Three representations of one model; the ramps between them are 100 to 200 and 1000 to 2000 pixels.
   const auto shown = [](double side, const std::string& head = {}) {
     const std::string box = fmt::format("Detail [0 {0} 0 {0} 0 0.1]\n", side / 50);
@@ -538,17 +538,30 @@ TEST(SceneBuilder, DetailChoosesOneRepresentation) {
                                                   "DetailRange [100 200 1000 2000]\n" + named("middle") +
                                                   "DetailRange 1000 2000 1e38 1e38\n" + named("fine")));
     EXPECT_TRUE(b.reports.empty());
-    EXPECT_EQ(b.frames.at(0).counts.otherDetail, 2u) << side;
-    return namesOf(b.frames.at(0).skeleton);
+    const Skeleton& s = b.frames.at(0).skeleton;
+    EXPECT_EQ(b.frames.at(0).counts.otherDetail + s.objects().size(), 3u) << side;
+    // Name, and the chances of the samples that see it.
+    std::string all;
+    for (const ObjectRecord& o : s.objects()) {
+      const AttributeRecord& a = s.attributes()[o.attributes];
+      all += fmt::format("{} {:.2f}-{:.2f} ", s.string(a.name), a.thinning[0], 1 - a.thinning[1]);
+    }
+    return all;
   };
-  EXPECT_EQ(shown(1), "coarse ");
-  EXPECT_EQ(shown(std::sqrt(149.0)), "coarse ");
-  EXPECT_EQ(shown(std::sqrt(151.0)), "middle ");
-  EXPECT_EQ(shown(std::sqrt(1499.0)), "middle ");
-  EXPECT_EQ(shown(std::sqrt(1501.0)), "fine ");
-  EXPECT_EQ(shown(std::sqrt(1501.0), "RelativeDetail 0.5\n"), "middle ");
-  EXPECT_EQ(shown(std::sqrt(1501.0), "RelativeDetail 0.05\n"), "coarse ");
-  EXPECT_EQ(shown(10000), "fine ") << "larger than the picture";
+  EXPECT_EQ(shown(1), "coarse 0.00-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(125.0)), "coarse 0.00-0.75 middle 0.75-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(180.0)), "coarse 0.00-0.20 middle 0.20-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(500.0)), "middle 0.00-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(1100.0)), "middle 0.00-0.90 fine 0.90-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(3000.0)), "fine 0.00-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(3000.0), "RelativeDetail 0.5\n"), "middle 0.00-0.50 fine 0.50-1.00 ");
+  EXPECT_EQ(shown(std::sqrt(1501.0), "RelativeDetail 0.05\n"), "coarse 0.00-1.00 ");
+  EXPECT_EQ(shown(10000), "fine 0.00-1.00 ") << "larger than the picture";
+  // What is one thing as a whole changes at once: parts of solids, area lights.
+  Built b = build(world(
+      kFlatCamera, "Detail [0 .25 0 .24 0 .1]\nDetailRange 0 0 100 200\nSolidBegin \"primitive\"\n" +
+                       named("coarse") + "DetailRange 100 200 1e38 1e38\n" + named("fine") + "SolidEnd\n"));
+  EXPECT_EQ(namesOf(b.frames.at(0).skeleton), "fine ");
 }
 
 TEST(SceneBuilder, DetailIsMeasuredWhereItIsSaid) {

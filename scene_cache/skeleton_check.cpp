@@ -149,6 +149,7 @@ class Checker {
             slice(s.params, h_.params, "shader", i, "parameters") &&
             id(s.areaLightObject, h_.objects, true, "shader", i, "area light object") &&
             id(s.handle, h_.strings, false, "shader", i, "handle") &&
+            id(s.locationFile, h_.strings, false, "shader", i, "location") &&
             id(s.attributes, h_.attributes, true, "shader", i, "attributes")))
         return;
     }
@@ -193,7 +194,8 @@ class Checker {
       if (a.sides != 1 && a.sides != 2) return void(fail("attribute state {}: {} sides", i, a.sides));
       if (!(a.shadingRate > 0) || !finite(a.shadingRate) || !finite(a.patchMultiplier) || !finite(a.bias) ||
           !(a.displacementBound >= 0) || !finite(a.displacementBound) || !(a.flatness >= 0) ||
-          !finite(a.flatness))
+          !finite(a.flatness) || !(a.thinning[0] >= 0 && a.thinning[0] <= 1) ||
+          !(a.thinning[1] >= 0 && a.thinning[1] <= 1))
         return void(fail("attribute state {}: a rate or bound is out of range", i));
     }
   }
@@ -286,6 +288,9 @@ class Checker {
     for (const float x : c.clipping) numbers = numbers && finite(x);
     for (const float x : c.shutter) numbers = numbers && finite(x);
     for (const float x : c.dof) numbers = numbers && finite(x);
+    numbers = numbers && c.clippingPlaneCount <= kMaxClippingPlanes;
+    for (const auto& plane : c.clippingPlanes)
+      for (const float x : plane) numbers = numbers && finite(x);
     if (!numbers || !(c.screenWindow[0] != c.screenWindow[1] && c.screenWindow[2] != c.screenWindow[3]))
       return void(fail("camera: a number is out of range"));
 

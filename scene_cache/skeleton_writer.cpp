@@ -249,7 +249,9 @@ ShaderId SkeletonWriter::addShader(const ShaderRecord& record) {
   const ShaderId next = ShaderId(m.shaders.size());
   // Two equal lights are two lights: they shine twice and are switched apart.
   if (record.kind != ShaderKind::kLight) {
-    const auto [it, inserted] = m.records.try_emplace(hashOf(Content::kShader, bytesOf(record)), next);
+    ShaderRecord anywhere = record;
+    anywhere.locationFile = anywhere.locationLine = 0;
+    const auto [it, inserted] = m.records.try_emplace(hashOf(Content::kShader, bytesOf(anywhere)), next);
     if (!inserted) return it->second;
   }
   m.shaders.push_back(record);

@@ -100,7 +100,7 @@ struct ParameterSetting {
   ShaderValue value;
 };
 /// Binds: settings override defaults; default code runs once, in order of declaration. Settings of unknown
-/// names are ignored (renderers share RIBs); of wrong type or length: one warning, the default stays.
+/// names are ignored; of wrong type or length: one warning, the default stays.
 std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe,
                                                  const DMat4& shaderToCurrent,
                                                  const std::vector<ParameterSetting>& settings,

@@ -112,6 +112,18 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::fallbackSurface() {
   return bindShader(executable(defaultSurface, {}), host.transformToCurrent(kNone), {}, host);
 }
 
+/// Once per shader and name: a mistyped name, or a shader that has changed since the scene was exported.
+/// Names that start with two underscores are messages of exporters to programs that know them.
+void ShadingSystem::Impl::reportUnknownParameter(const std::string& shader, const std::string& parameter,
+                                                 const cache::ShaderRecord& record) const {
+  if (parameter.starts_with("__")) return;
+  reportOnce("shader.unknown." + shader + "." + parameter,
+             Error{RiError::kBadToken,
+                   Severity::kWarning,
+                   {std::string(scene.skeleton().string(record.locationFile)), int(record.locationLine), 0},
+                   fmt::format("shader \"{}\" has no parameter \"{}\"; ignored", shader, parameter)});
+}
+
 std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
     cache::ShaderId id, ShaderType type, const std::vector<std::string>& varyingParameters) {
   const cache::ShaderRecord& record = scene.skeleton().shaders()[id];
@@ -132,6 +144,10 @@ std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
   std::vector<ParameterSetting> settings;
   for (const cache::ParamRecord& p : scene.skeleton().params(record.params)) {
     const std::string parameter(scene.skeleton().string(p.name));
+    if ((*found)->findParameter(parameter) == kNoIndex) {
+      reportUnknownParameter(name, parameter, record);
+      continue;
+    }
     settings.push_back({parameter, host.value(typedAs(**found, parameter, p), &toCurrent)});
   }
   auto bound = bindShader(executable(*found, varyingParameters), toCurrent, settings, host);

@@ -76,6 +76,8 @@ struct ShadingSystem::Impl {
 
  private:
   std::unique_ptr<ShadeSetup> load(cache::AttributeId attributes);
+  void reportUnknownParameter(const std::string& shader, const std::string& parameter,
+                              const cache::ShaderRecord& record) const;
   std::shared_ptr<const ShaderInstance> loadInstance(cache::ShaderId id, ShaderType type,
                                                      const std::vector<std::string>& varyingParameters);
   std::shared_ptr<const ShaderInstance> fallbackSurface();

@@ -245,7 +245,8 @@ TEST(HostileServer, AnImpossibleStateBreaksTheChannelWithAnError) {
 TEST(HostileServer, AnImpossibleMailBreaksTheChannelWithAnError) {
   const std::pair<uint32_t, uint32_t> answers[] = {
       {0, 0}, {3, 0}, {4, 0}, {~0u, 0}, {2, kMailBytes + 1}, {2, 0x7fffffff}};
-  for (const auto& [state, size] : answers) {
+  for (const auto& posted : answers) {
+    const uint32_t state = posted.first, size = posted.second;
     auto board = ServerBoard::create();
     Result<ClientChannel> c = ClientChannel::create(*board, {.config = {2, 64}});
     ASSERT_TRUE(c.ok());

@@ -90,8 +90,10 @@ TEST_P(ProcessCounts, ThousandsOfBlocksThroughTwoProcesses) {
   const auto [clients, threads] = GetParam();
   start(threads);
   std::vector<ClientChannel> channels;
+  channels.reserve(size_t(clients));
   for (int i = 0; i < clients; ++i) channels.push_back(connect({uint32_t(3 + i), 1024}));
   std::vector<std::thread> pool;
+  pool.reserve(size_t(clients));
   std::atomic<int> good{0};
   for (int i = 0; i < clients; ++i) {
     pool.emplace_back([&, i] { good += exchange(channels[size_t(i)], 4000, uint32_t(i) << 20); });

@@ -98,6 +98,7 @@ TEST(Doorbell, RingsAsManyAsAsked) {
   SharedObject<Bells> s;
   std::atomic<int> awake{0};
   std::vector<std::thread> sleepers;
+  sleepers.reserve(4);
   for (int i = 0; i < 4; ++i) {
     sleepers.emplace_back([&] {
       waitAtDoorbell(

@@ -40,6 +40,9 @@ Color saneOpacity(const Color& c) {
 /// The same of the volumes through which rays leave the scene.
 constexpr uint64_t kVolumeSeed = 2ull << 32;
 
+/// Of Ray::chance.
+constexpr uint64_t kChanceSeed = 3ull << 32;
+
 uint32_t rayMask(RayKind kind, const RayTerms& terms) {
   if (kind == RayKind::kVisibility) return kOpaqueShadowRay | kFilteredShadowRay;
   return terms.rayClass == RayClass::kDiffuse ? kDiffuseRay : kReflectionRay;
@@ -220,6 +223,18 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
   return true;
 }
 
+/// Where representations are in transition, a ray sees the one that it starts on, and otherwise those that a
+/// number of its own decides for.
+float AnswerThread::chanceOf(const AskedRay& asked) const {
+  float chance = toUnitFloat64(hashStep(asked.seed, kChanceSeed));
+  const SceneCache& cache = tracer_.cache();
+  if (asked.node >= cache.nodeCount()) return chance;
+  const float* thinning = cache.skeleton().attributes()[cache.objectOf(asked.node).attributes].thinning;
+  const float from = thinning[0], to = 1 - thinning[1];
+  if (from > 0 || to < 1) chance = std::min(from + chance * (to - from), std::nextafter(to, 0.0f));
+  return chance;
+}
+
 void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, const Level& at) {
   const RayScene* scene = tracer_.scene();
   p.askedOrigin = asked.origin;
@@ -248,6 +263,7 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, c
   r.direction = Vec3(d / length);
   r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
   r.mask = mask;
+  r.chance = chanceOf(asked);
   if (at.terms.flags & RayTerms::kHasBias)
     r.departure.nearDistance = at.terms.bias;
   else

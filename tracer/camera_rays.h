@@ -5,6 +5,7 @@
 
 #include "base/math.h"
 #include "imaging/frame_request.h"
+#include "imaging/sight_lines.h"
 #include "scene_cache/cache.h"
 #include "tracer/ray_scene.h"
 
@@ -19,7 +20,7 @@ class CameraRays {
   CameraRays(const cache::CameraRecord& camera, const std::vector<DMat4>& cacheToCamera,
              const FrameLens& lens);
 
-  bool perspective() const { return perspective_; }
+  bool perspective() const { return lines_.perspective(); }
   /// The ray through raster position (x, y), in pixels, y down; between the clipping planes. Sees what
   /// cameras see, at the sample's time, from its place on the lens.
   Ray ray(double x, double y, const SamplePattern::Blur& blur = {}) const;
@@ -29,22 +30,19 @@ class CameraRays {
   }
   /// Half a pixel, as rays carry their footprints: its radius at the origin, and its growth per unit of
   /// distance.
-  float footprintRadius() const { return perspective_ ? 0.0f : halfPixel_; }
+  float footprintRadius() const { return perspective() ? 0.0f : halfPixel_; }
   float footprintSpread(const Ray& ray) const {
-    return perspective_ ? halfPixel_ * glm::dot(depthAxis(ray.time), ray.direction) : 0.0f;
+    return perspective() ? halfPixel_ * glm::dot(depthAxis(ray.time), ray.direction) : 0.0f;
   }
 
  private:
-  bool perspective_ = true;
-  // Raster to camera space at z = 1 (perspective) or any z: position = raster * scale + offset.
-  double scaleX_ = 1, scaleY_ = 1, offsetX_ = 0, offsetY_ = 0;
   /// Camera z per unit of cache space.
   Vec3 depthAxis(float time) const;
   DMat4 cacheToCamera(float time) const;
 
+  SightLines lines_;
   std::vector<DMat4> cacheToCamera_{DMat4(1.0)};  // by key
   DMat4 cameraToCache_{1.0};                      // of the first key
-  double lensRadius_ = 0, focalDistance_ = 1;
   double near_ = 0, far_ = 0, start_ = 0;
   float originDepth_ = 0;
   float halfPixel_ = 0;  // perspective: per unit of camera z, in cache space

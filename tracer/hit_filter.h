@@ -130,6 +130,10 @@ struct HitFilter {
     const SurfaceEntry& e = scene->entries_[c.entry];
     if (e.oneSided && c.cosine > 0) return false;
     if (c.cosine * float(ray->side) > 0) return false;
+    if (scene->thinned_) {
+      const float* thinning = scene->cache_->skeleton().attributes()[e.attributes].thinning;
+      if (ray->chance < thinning[0] || ray->chance >= 1 - thinning[1]) return false;
+    }
     return !ray->seen || ray->seen[e.attributes];
   }
 

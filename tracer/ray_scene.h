@@ -90,6 +90,7 @@ struct Ray {
       false;  // farDistance is a point that may lie on a surface: that surface is no occluder
   Departure departure;
   const uint8_t* seen = nullptr;  // by AttributeId: what the ray can hit; nullptr: everything
+  float chance = 0.5f;            // of a representation in transition (AttributeRecord::thinning)
   int side = 0;                   // 1: hits front sides alone, -1: back sides
   // Stepping through surfaces: hits up to and including this one are behind us.
   uint32_t passedEntry = cache::kNone;
@@ -194,6 +195,7 @@ class RayScene {
   std::vector<uint32_t> entryOfNode_;
   std::vector<uint32_t> groupOfObject_;
   const cache::SceneCache* cache_ = nullptr;
+  bool thinned_ = false;  // some surfaces are in transition
   RaySceneStatistics statistics_;
 };
 

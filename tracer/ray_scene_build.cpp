@@ -82,6 +82,8 @@ class RaySceneBuilder {
   Result<std::unique_ptr<RayScene>> build() {
     const auto t0 = std::chrono::steady_clock::now();
     scene_->cache_ = &cache_;
+    for (const AttributeRecord& a : cache_.skeleton().attributes())
+      scene_->thinned_ |= a.thinning[0] > 0 || a.thinning[1] > 0;
     scene_->solids_ = SolidForest(cache_.skeleton());
     scene_->solidTrees_.resize(scene_->solids_.treeCount());
     const int cores = availableCores();  // oneTBB has no more workers

@@ -104,6 +104,7 @@ class AnswerThread {
   Level& level(size_t depth);
   void answerAt(RayQuery& query, size_t depth);
   void readTerms(const RayTerms& terms, Level& at);
+  float chanceOf(const AskedRay& asked) const;
   void startPath(PathRay& path, const AskedRay& asked, uint32_t mask, const Level& at);
   void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
   void runAt(RayKind kind, Level& at, size_t depth);

@@ -121,6 +121,7 @@ void TileTracer::add(const PixelRect& rect, uint32_t pixel, uint32_t sample, Tra
   Path& p = paths_.emplace_back();
   p.ray = frame_.pattern.blurs().empty() ? frame_.camera.ray(px + x, py + y)
                                          : frame_.camera.ray(px + x, py + y, frame_.pattern.blurs()[index]);
+  p.ray.chance = frame_.pattern.chance(index);
   p.through = Color(1), p.color = p.opacity = Color(0);
   p.seed = hashStep(hashStep(hashStep(frame_.seed, uint64_t(uint32_t(px)) << 32 | uint32_t(py)), sample),
                     0xca3e7a);

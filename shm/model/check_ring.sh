@@ -31,12 +31,13 @@ check() {
 check 'one thread, two blocks' 0 -O2 -DBLOCKS=2 -DSUBMITS=3 -DMAILS=0 -DTHREADS=1
 check 'one thread, three blocks' 0 -O2 -DBLOCKS=3 -DSUBMITS=4 -DMAILS=0 -DTHREADS=1
 check 'two threads, two blocks' 0 -O2 -DBLOCKS=2 -DSUBMITS=2 -DMAILS=0 -DTHREADS=2
+check 'two threads, any bell first' 0 -O2 -DBLOCKS=1 -DSUBMITS=1 -DMAILS=0 -DTHREADS=2 -DANY_BELL_FIRST
 check 'one thread, block and mails' 0 -O2 -DBLOCKS=1 -DSUBMITS=1 -DMAILS=2 -DTHREADS=1
 check 'somebody is killed, block and mail' 0 -O2 -DBLOCKS=1 -DSUBMITS=2 -DMAILS=1 -DTHREADS=1 -DCRASH
 check 'somebody is killed, two blocks' 0 -O2 -DBLOCKS=2 -DSUBMITS=2 -DMAILS=0 -DTHREADS=1 -DCRASH
 if [ "${FR_STRESS:-0}" != 0 ]; then
   check 'two threads, mails' 0 -O2 -DBLOCKS=1 -DSUBMITS=1 -DMAILS=2 -DTHREADS=2
-  check 'two threads, any bell first' 0 -O2 -DBLOCKS=2 -DSUBMITS=2 -DMAILS=0 -DTHREADS=2 -DANY_BELL_FIRST
+  check 'two threads, two blocks, any bell first' 0 -O2 -DBLOCKS=2 -DSUBMITS=2 -DMAILS=0 -DTHREADS=2 -DANY_BELL_FIRST
   check 'two threads, everything' 0 -O2 -DBLOCKS=2 -DSUBMITS=3 -DMAILS=1 -DTHREADS=2
   check 'somebody is killed, two threads' 0 -O2 -DBLOCKS=2 -DSUBMITS=2 -DMAILS=1 -DTHREADS=2 -DCRASH
 fi

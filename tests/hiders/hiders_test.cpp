@@ -149,6 +149,23 @@ const std::vector<Scene> kScenes = {
      "360\n" +
          kCube},
     {"NearAndFarPlanes", "Clipping 4.3 5.2\n" + kPerspective, "Rotate 20 1 1 0 Sphere 1 -1 1 360\n" + kCube},
+    {"ClippingPlanes",
+     "ClippingPlane 0 0 4.7 0.3 0.2 -1\n" + kPerspective + "ClippingPlane 0.5 0 0 1 0 0.4\n",
+     "Rotate 20 1 1 0 Sphere 1 -1 1 360\nOpacity [0.6 0.6 0.6]\n" + kCube},
+    {"ClippingPlanesOrthographic",
+     "Projection \"orthographic\" ScreenWindow -1.5 1.2 -1.4 1.6 Translate 0 0 5 ClippingPlane 0 0.4 0 0 1 "
+     "-0.5 ClippingPlane -1 0 0 -1 0 0\n",
+     "Rotate 20 1 1 0 Sphere 1 -1 1 360\n"},
+    {"ClippingPlaneThroughASolid", "ClippingPlane 0 0 4.8 0.4 0.2 -1\n" + kPerspective, kBored},
+    // Samples see one of the two or the other; where both are, never nothing.
+    {"InTransition", kPerspective,
+     "Detail [-0.5 0.5 -0.5 0.5 0 0] DetailRange [0 0 100 4000] Sphere 1 -1 1 360\n"
+     "DetailRange [100 4000 1e38 1e38] Rotate 30 1 1 0\n" +
+         kCube},
+    {"TransparentInTransition", kPerspective,
+     "Opacity [0.5 0.5 0.5] Detail [-0.5 0.5 -0.5 0.5 0 0] DetailRange [0 0 100 4000] Sphere 1 -1 1 360\n"
+     "DetailRange [100 4000 1e38 1e38] Rotate 30 1 1 0\n" +
+         kCube},
     {"Nurbs", kPerspective, "Rotate 30 1 0.5 0\n" + kNurbs},
     {"TrimmedNurbs", kPerspective, "Rotate 20 1 0.5 0\n" + kTrim + kNurbs, {}, 0.01},
     {"TrimmedTransparentNurbs",
@@ -279,6 +296,30 @@ TEST(HiderColors, ConvergeWithTheShadingRate) {
   const double fine = compare(renderBoth(rib(torus, "ShadingRate 0.25\n")), 1e-2).colorRms;
   // Micropolygons a quarter as wide: their colours are off by a quarter.
   EXPECT_LT(fine, 0.4 * coarse);
+}
+
+// Two walls, one before the other, three to one in transition, and a light behind the eye: each sample sees one of
+// them, and rays from its shading points do not see the other.
+TEST(Transition, RepresentationsShareTheSamplesAndDoNotShadowEachOther) {
+  const HiderPair pair = renderBoth(
+      "Format 64 64 1 PixelSamples 4 4 PixelFilter \"box\" 1 1 Projection \"orthographic\" ScreenWindow -1 1 -1 1\n"
+      "WorldBegin\nAttribute \"light\" \"string shadows\" \"on\"\n"
+      "LightSource \"distantlight\" 1 \"from\" [0 0 -1] \"to\" [0 0 0] Surface \"matte\"\n"
+      "Detail [0 1 0 1 0 0] Color 1 0 0 DetailRange 0 0 0 4096\n"
+      "Polygon \"P\" [-2 -2 2 2 -2 2 2 2 2 -2 2 2]\n"
+      "Color 0 1 0 DetailRange 0 4096 1e38 1e38\n"
+      "Polygon \"P\" [-2 -2 1.9 2 -2 1.9 2 2 1.9 -2 2 1.9]\nWorldEnd\n");
+  for (const Channels* c : {&pair.reyes, &pair.rays}) {
+    double red = 0, green = 0;
+    for (size_t i = 0; i < 64 * 64; ++i) {
+      EXPECT_EQ(c->at(3, i), 1.0f);
+      red += double(c->at(0, i)) / 4096, green += double(c->at(1, i)) / 4096;
+      // Sixteen samples of a pixel have sixteen chances, one in each sixteenth.
+      EXPECT_NEAR(c->at(0, i), 0.75, 0.001);
+    }
+    EXPECT_NEAR(red, 0.75, 0.001);
+    EXPECT_NEAR(green, 0.25, 0.001);
+  }
 }
 
 }  // namespace
