@@ -19,8 +19,9 @@ ShaderKind kindOf(ri::ShaderKind k) {
       return ShaderKind::kVolume;
     case ri::ShaderKind::kImager:
       return ShaderKind::kImager;
-    case ri::ShaderKind::kSurface:
     case ri::ShaderKind::kDeformation:
+      return ShaderKind::kDeformation;
+    case ri::ShaderKind::kSurface:
       break;
   }
   return ShaderKind::kSurface;
@@ -199,6 +200,7 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
     if (const ShaderId id = light(a.areaLight); id != kNone) r.areaLight = id + 1;
   r.surface = shader(a.surface);
   r.displacement = shader(a.displacement);
+  if (const ShaderId id = shader(a.deformation); id != kNone) r.deformation = id + 1;
   r.atmosphere = shader(a.atmosphere);
   r.interior = shader(a.interior);
   r.exterior = shader(a.exterior);
@@ -221,14 +223,15 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
 
 float AttributeRecords::displacementBound(const ri::AttributeState& a,
                                           const ri::TransformPtr& objectToWorld) const {
-  if (!a.displacement) return 0;
+  const ri::ShaderPtr& shader = a.displacement ? a.displacement : a.deformation;
+  if (!shader) return 0;
   const double radius = a.values.getFloat("displacementbound:sphere", 0);
   if (!(radius > 0) || !std::isfinite(radius)) return 0;
   const std::string space = a.values.getString("displacementbound:coordinatesystem", "object");
   ri::TransformPtr toWorld = objectToWorld;
   if (space == "world") return float(radius);
   if (space == "shader") {
-    if (auto t = state_.toWorld(a.displacement->shaderSpace)) toWorld = *t;
+    if (auto t = state_.toWorld(shader->shaderSpace)) toWorld = *t;
   } else if (space != "object" && space != "current") {
     auto found = state_.findSpace(space);
     Result<ri::TransformPtr> t =

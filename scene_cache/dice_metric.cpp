@@ -69,9 +69,9 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   if (type <= PrimitiveType::kTorus) r.leastLog2 = 2;
   // Points and curves face the eye: the rate is asked for their widths.
   if (!r.perspective && type != PrimitiveType::kPoints && type != PrimitiveType::kCurves)
-    r.alongAxis = a.displacement != kNone         ? kAlongDisplaced
-                  : r.undicedEdge == kUndicedEdge ? kAlongFlat
-                                                  : kAlongBent;
+    r.alongAxis = a.displacement != kNone || a.deformation != 0 ? kAlongDisplaced
+                  : r.undicedEdge == kUndicedEdge               ? kAlongFlat
+                                                                : kAlongBent;
   if (a.flatness > 0) r.flatness = float(double(a.flatness) * eye.pixel * double(r.scale));
   return r;
 }

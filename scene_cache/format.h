@@ -94,7 +94,7 @@ struct TransformRecord {
   Range matrices;  // DMat4, bytes as in RIB
 };
 
-enum class ShaderKind : uint32_t { kSurface, kDisplacement, kLight, kVolume, kImager };
+enum class ShaderKind : uint32_t { kSurface, kDisplacement, kLight, kVolume, kImager, kDeformation };
 
 /// A shader instance.
 struct ShaderRecord {
@@ -161,9 +161,10 @@ struct AttributeRecord {
   StringId name;                                                   // Attribute "identifier" "name"
   Slice attributes;  // into params: every Attribute as "category:name"
   float textureCoordinates[8];
-  float bias;          // Attribute "trace" "bias"; < 0: not set
-  uint32_t groups;     // StringId of grouping:membership
-  uint32_t areaLight;  // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
+  float bias;            // Attribute "trace" "bias"; < 0: not set
+  uint32_t groups;       // StringId of grouping:membership
+  uint32_t areaLight;    // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
+  uint32_t deformation;  // 1 + ShaderId, 0: none
   float flatness;     // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
   float thinning[2];  // of a representation in transition (DetailRange): only samples and rays whose chance
                       // is in [thinning[0], 1 - thinning[1]) see it. 0 0: all

@@ -109,7 +109,6 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
   const ri::MovingPrimitive& source = *p.source;
   const ri::Primitive& primitive = source.samples.front();
   if (const auto* g = std::get_if<ri::Geometry>(&primitive); g && g->type == "teapot") return teapot(p);
-  if (p.attributes->deformation) notImplemented("Deformation", "surfaces keep their shape", source.location);
   if (!detailThinning(*p.attributes).seen()) {
     ++w.counts.otherDetail;
     return;

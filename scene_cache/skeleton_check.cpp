@@ -143,7 +143,7 @@ class Checker {
     const auto all = at<ShaderRecord>(h_.shaders);
     for (size_t i = 0; i < all.size(); ++i) {
       const ShaderRecord& s = all[i];
-      if (s.kind > ShaderKind::kImager) return void(fail("shader {}: kind {}", i, uint32_t(s.kind)));
+      if (s.kind > ShaderKind::kDeformation) return void(fail("shader {}: kind {}", i, uint32_t(s.kind)));
       if (!(id(s.name, h_.strings, false, "shader", i, "name") &&
             id(s.transform, h_.transforms, false, "shader", i, "transform") &&
             slice(s.params, h_.params, "shader", i, "parameters") &&
@@ -182,6 +182,8 @@ class Checker {
             shaderOfKind(a.atmosphere, ShaderKind::kVolume, what, i, "atmosphere") &&
             shaderOfKind(a.interior, ShaderKind::kVolume, what, i, "interior") &&
             shaderOfKind(a.exterior, ShaderKind::kVolume, what, i, "exterior") &&
+            shaderOfKind(a.deformation == 0 ? kNone : a.deformation - 1, ShaderKind::kDeformation, what, i,
+                         "deformation") &&
             shaderOfKind(a.areaLight == 0 ? kNone : a.areaLight - 1, ShaderKind::kLight, what, i,
                          "area light") &&
             slice(a.lights, h_.lightLists, what, i, "lights") &&

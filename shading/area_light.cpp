@@ -77,7 +77,8 @@ void AreaLight::build() {
 bool AreaLight::asBall(const ObjectRecord& object, Ball& ball) const {
   const Skeleton& skeleton = scene_.skeleton();
   if (object.type != PrimitiveType::kSphere || object.keyCount != 1 || object.patchCount == 0 ||
-      skeleton.attributes()[object.attributes].displacement != kNone)
+      (skeleton.attributes()[object.attributes].displacement != kNone ||
+       skeleton.attributes()[object.attributes].deformation != 0))
     return false;
   const DMat3 linear(host_.transformToCurrent(object.transform));
   const double scale = glm::length(linear[0]);

@@ -402,6 +402,7 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
 }
 
 std::span<const Batch::Override> PointColumns::displacementOverrides(const ShadeSetup& setup) {
+  if (!setup.displacement) return {};
   primvars(setup.displacementOverrides, *setup.displacement, displacementOverrides_);
   return displacementOverrides_.list;
 }

@@ -208,6 +208,7 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   overridden(a.surface, ShaderType::kSurface, setup->surface, setup->surfaceOverrides);
   if (!setup->surface) setup->surface = fallbackSurface();
   overridden(a.displacement, ShaderType::kDisplacement, setup->displacement, setup->displacementOverrides);
+  if (a.deformation != 0) setup->deformation = instance(a.deformation - 1, ShaderType::kTransformation, {});
   setup->atmosphere = instance(a.atmosphere, ShaderType::kVolume, {});
   setup->interior = instance(a.interior, ShaderType::kVolume, {});
   setup->exterior = instance(a.exterior, ShaderType::kVolume, {});
@@ -243,9 +244,9 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
     setup->usesDerivatives |= setup->displacement->exe->has(kProgramUsesDerivatives);
   }
   for (const ShaderInstance* l : setup->lights) add(l);
-  setup->displaced = setup->displacement && !setup->bumpOnly;
+  setup->displaced = (setup->displacement && !setup->bumpOnly) || setup->deformation;
   const auto asksDisplacement = [&](const ShaderInstance* i) {
-    return i && asksForOutputs(i->program(), setup->displacement->program());
+    return i && setup->displacement && asksForOutputs(i->program(), setup->displacement->program());
   };
   if (setup->displaced) {
     setup->displacementIsAsked = asksDisplacement(setup->surface.get());
@@ -265,7 +266,8 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
         if (text == "object") return true;
     return false;
   };
-  for (const ShaderInstance* i : {setup->surface.get(), setup->displacement.get(), setup->atmosphere.get()})
+  for (const ShaderInstance* i :
+       {setup->surface.get(), setup->displacement.get(), setup->deformation.get(), setup->atmosphere.get()})
     setup->usesObjectSpace |= namesObject(i);
   for (const ShaderInstance* l : setup->lights) setup->usesObjectSpace |= namesObject(l);
   return setup;

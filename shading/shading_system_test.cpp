@@ -354,6 +354,29 @@ TEST(ShadingSystem, BumpMappingChangesNormalsAlone) {
   });
 }
 
+TEST(ShadingSystem, ADeformationMovesTheSurfaceAndItsNormal) {
+  Scene s(
+      "Attribute \"displacementbound\" \"sphere\" [1]\nDeformation \"shear\" \"float by\" 0.5\nSurface "
+      "\"tells\"\n"
+      "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0]\n",
+      {{"shear",
+        "transformation shear(float by = 9) { P += by * vector(0, 0, xcomp(transform(\"object\", P))); }"},
+       {"tells", "surface tells() { Ci = color(normalize(N)); Oi = zcomp(transform(\"object\", P)); }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ShadeTask task(*s.shading);
+  s.forEachGrid([&](const cache::GridRecord& g) {
+    s.shade(task, gridPoints(g));
+    const size_t n = s.cache->view(g).vertexCount();
+    std::vector<uint32_t> cell(n);
+    std::vector<float> u(n), v(n);
+    s.cache->vertexParameters(g, cell.data(), u.data(), v.data());
+    for (size_t i = 0; i < n; ++i) {
+      ASSERT_NEAR(task.color(0)[i] / task.color(2)[i], -0.5, 1e-3);
+      ASSERT_NEAR(task.opacity(0)[i], 0.5 * (2 * u[i] - 1), 1e-3);
+    }
+  });
+}
+
 TEST(ShadingSystem, SurfacesReadWhatTheDisplacementComputed) {
   // The height depends on the undisplaced point, which the surface itself no longer sees.
   for (const bool moves : {true, false}) {

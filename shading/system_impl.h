@@ -15,7 +15,7 @@ namespace fr {
 /// Everything that shades points of one attribute state.
 struct ShadeSetup {
   cache::AttributeId attributes = cache::kNone;
-  std::shared_ptr<const ShaderInstance> surface, displacement, atmosphere, interior, exterior;
+  std::shared_ptr<const ShaderInstance> surface, displacement, deformation, atmosphere, interior, exterior;
   std::vector<std::shared_ptr<const ShaderInstance>> lightOwners;
   std::vector<const ShaderInstance*> lights;
   /// Surface or displacement parameters that primitive variables of some object override.
@@ -29,7 +29,7 @@ struct ShadeSetup {
   bool usesDerivatives = false;
   bool canAskRays = false;
   bool usesObjectSpace = false;
-  bool displaced = false;                                // the displacement shader moves points
+  bool displaced = false;                                // a displacement or deformation shader moves points
   bool displacementIsAsked = false;                      // a surface or light wants a value that it computes
   uint64_t readsGlobals = 0;                             // of all programs that run when shading
   uint32_t maxDiffuseDepth = 1, maxSpecularDepth = ~0u;  // Attribute "trace"

@@ -140,6 +140,16 @@ const std::vector<Scene> kScenes = {
     {"Patches", kPerspective, "Rotate 40 1 0.2 0\n" + kWave},
     {"Subdivision", kPerspective, "Rotate 30 1 1 0\n" + kCube},
     {"Displaced", kPerspective, kDisplace + "Sphere 1 -1 1 360\n", kBumps, 0.008},
+    {"Deformed",
+     kPerspective,
+     "Attribute \"displacementbound\" \"sphere\" [2]\nDeformation \"twist\" \"float by\" [0.9]\n"
+     "Rotate 20 1 0 0 Scale 0.6 1.2 0.6\n" +
+         kCube,
+     {{"twist",
+       "transformation twist(float by = 0) { point p = transform(\"object\", P);"
+       " P = transform(\"object\", \"current\", rotate(p, by * ycomp(p), point(0, 0, 0), point(0, 1, 0))); "
+       "}"}},
+     0.02},
     {"DisplacedPatches", kPerspective, kDisplace + "Rotate 40 1 0.2 0\n" + kWave, kBumps, 0.008},
     {"LongFloor", kPerspective,
      "AttributeBegin Rotate -60 1 0 0 Patch \"bilinear\" \"P\" [-50 -50 1 50 -50 1 -50 50 1 50 50 1] "
@@ -298,11 +308,12 @@ TEST(HiderColors, ConvergeWithTheShadingRate) {
   EXPECT_LT(fine, 0.4 * coarse);
 }
 
-// Two walls, one before the other, three to one in transition, and a light behind the eye: each sample sees one of
-// them, and rays from its shading points do not see the other.
+// Two walls, one before the other, three to one in transition, and a light behind the eye: each sample sees
+// one of them, and rays from its shading points do not see the other.
 TEST(Transition, RepresentationsShareTheSamplesAndDoNotShadowEachOther) {
   const HiderPair pair = renderBoth(
-      "Format 64 64 1 PixelSamples 4 4 PixelFilter \"box\" 1 1 Projection \"orthographic\" ScreenWindow -1 1 -1 1\n"
+      "Format 64 64 1 PixelSamples 4 4 PixelFilter \"box\" 1 1 Projection \"orthographic\" ScreenWindow -1 1 "
+      "-1 1\n"
       "WorldBegin\nAttribute \"light\" \"string shadows\" \"on\"\n"
       "LightSource \"distantlight\" 1 \"from\" [0 0 -1] \"to\" [0 0 0] Surface \"matte\"\n"
       "Detail [0 1 0 1 0 0] Color 1 0 0 DetailRange 0 0 0 4096\n"
