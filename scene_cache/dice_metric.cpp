@@ -6,10 +6,9 @@
 namespace fr::cache {
 namespace {
 
-/// Orthographic: a piece that is seen along itself has no length on the raster. Of a bent surface it still
-/// may not be so long that the outline, which it crosses, gets corners: a chord of n pixels of a circle with
-/// a radius of r lies n^2 / 8 r beside it. Of a displaced one nobody knows how it is bent.
-constexpr float kAlongFlat = 1.0f / 16, kAlongBent = 1.0f / 8, kAlongDisplaced = 1.0f / 4;
+/// Orthographic: a piece that is seen along itself has no length on the raster. Only flat faces are rated by
+/// that: long chords of a bent surface would put corners into its outline and errors into depths.
+constexpr float kAlongFlat = 1.0f / 16;
 
 }  // namespace
 
@@ -67,11 +66,10 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   if (type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets)
     r.undicedEdge = kUndicedEdge;
   if (type <= PrimitiveType::kTorus) r.leastLog2 = 2;
-  // Points and curves face the eye: the rate is asked for their widths.
-  if (!r.perspective && type != PrimitiveType::kPoints && type != PrimitiveType::kCurves)
-    r.alongAxis = a.displacement != kNone || a.deformation != 0 ? kAlongDisplaced
-                  : r.undicedEdge == kUndicedEdge               ? kAlongFlat
-                                                                : kAlongBent;
+  const bool moved = a.displacement != kNone || a.deformation != 0;
+  if (!r.perspective && !moved &&
+      (type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets))
+    r.alongAxis = kAlongFlat;
   if (a.flatness > 0) r.flatness = float(double(a.flatness) * eye.pixel * double(r.scale));
   return r;
 }

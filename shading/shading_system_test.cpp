@@ -354,6 +354,23 @@ TEST(ShadingSystem, BumpMappingChangesNormalsAlone) {
   });
 }
 
+TEST(ShadingSystem, AParameterThatTheShaderDoesNotHaveIsSaidOnceWithItsPlace) {
+  std::vector<Error> reports;
+  setReportSink([&](const Error& e) { reports.push_back(e); });
+  {
+    Scene s(
+        "Surface \"spot\" \"float Kd\" [0.5] \"float Kdd\" [0.5] \"float __handle\" [1]\nSphere 1 -1 1 360\n"
+        "Surface \"spot\" \"float Kdd\" [0.7]\nSphere 1 -1 1 360\n",
+        {{"spot", "surface spot(float Kd = 1) { Ci = Kd; Oi = 1; }"}});
+    s.shading->loadShaders(cache::kForReyes);
+  }
+  setReportSink({});
+  ASSERT_EQ(reports.size(), 1u);
+  EXPECT_EQ(reports[0].severity, Severity::kWarning);
+  EXPECT_NE(reports[0].message.find("\"Kdd\""), std::string::npos);
+  EXPECT_GT(reports[0].where.line, 0);
+}
+
 TEST(ShadingSystem, ADeformationMovesTheSurfaceAndItsNormal) {
   Scene s(
       "Attribute \"displacementbound\" \"sphere\" [1]\nDeformation \"shear\" \"float by\" 0.5\nSurface "
