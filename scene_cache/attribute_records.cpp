@@ -117,8 +117,8 @@ double largestStretch(const DMat4& m) {
 }
 
 AttributeRecords::AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state,
-                                   bool cameraMirrored, std::optional<float> shadingRate)
-    : writer_(writer), state_(state), cameraMirrored_(cameraMirrored), shadingRate_(shadingRate) {}
+                                   bool cameraMirrored, const Rates& rates)
+    : writer_(writer), state_(state), cameraMirrored_(cameraMirrored), rates_(rates) {}
 
 TransformId AttributeRecords::transform(const ri::TransformPtr& t) {
   if (!t) return writer_.addTransform({{0.0f}, {DMat4(1)}});
@@ -181,9 +181,10 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
   AttributeRecord r{};
   r.color = a.color;
   r.opacity = a.opacity;
-  r.shadingRate = shadingRate_.value_or(a.shadingRate);
+  r.shadingRate = rates_.shadingRate.value_or(a.shadingRate);
   if (!(r.shadingRate > 0) || !std::isfinite(r.shadingRate)) r.shadingRate = 1;
-  r.patchMultiplier = finiteOr(v.getFloat("render:patch_multiplier", -1), -1);
+  r.patchMultiplier =
+      finiteOr(v.getFloat("render:patch_multiplier", rates_.patchMultiplier.value_or(-1)), -1);
   r.bias = finiteOr(v.getFloat("trace:bias", -1), -1);
   r.flatness = std::max(0.0f, finiteOr(a.flatness, 0));
   r.sides = a.sides == 1 ? 1 : 2;

@@ -50,9 +50,13 @@ struct Thinning {
 /// The records of one world. Not thread-safe.
 class AttributeRecords {
  public:
-  /// `cameraMirrored`: world to camera swaps handedness. `shadingRate`, when set, replaces every ShadingRate.
+  struct Rates {
+    std::optional<float> shadingRate;      ///< replaces every ShadingRate
+    std::optional<float> patchMultiplier;  ///< where the RIB has none
+  };
+  /// `cameraMirrored`: world to camera swaps handedness.
   AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, bool cameraMirrored,
-                   std::optional<float> shadingRate);
+                   const Rates& rates);
 
   TransformId transform(const ri::TransformPtr& t);
   Result<ri::TransformPtr> toWorld(const ri::PlacedTransform& space) const { return state_.toWorld(space); }
@@ -74,7 +78,7 @@ class AttributeRecords {
   SkeletonWriter& writer_;
   const ri::GraphicsState& state_;
   bool cameraMirrored_;
-  std::optional<float> shadingRate_;
+  Rates rates_;
   IdentityCache<ri::Transform, TransformId> transforms_;
   IdentityCache<ri::ShaderInstance, ShaderId> shaders_;
   IdentityCache<ri::AttributeState, AttributeRecord> states_;

@@ -30,7 +30,10 @@ struct SceneBuilder::Retained {
 struct SceneBuilder::World {
   World(SkeletonWriter& w, FrameCounts& c, const ri::GraphicsState& state, bool cameraMirrored,
         const LoadOptions& options)
-      : writer(w), counts(c), records(w, state, cameraMirrored, options.overrides.shadingRate), solids(w) {}
+      : writer(w),
+        counts(c),
+        records(w, state, cameraMirrored, {options.overrides.shadingRate, options.overrides.patchMultiplier}),
+        solids(w) {}
   SkeletonWriter& writer;
   FrameCounts& counts;
   AttributeRecords records;

@@ -12,6 +12,8 @@
 #include <cstring>
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/file_build.h"
+#include "scene_cache/grid_source.h"
 
 namespace fr::cache {
 namespace {
@@ -106,6 +108,21 @@ void SceneCache::Impl::deriveFrom(const Skeleton& skeleton) {
   subdivisions = std::make_unique<SubdivisionStore>(skeleton);
 }
 
+bool SceneCache::Impl::addRootNodes(const Skeleton& skeleton) {
+  const auto roots = skeleton.rootPatches();
+  if (roots.empty()) return true;
+  if (nodes.allocate(roots.size() * sizeof(PatchNode), 64) != kStoreHeaderBytes) return false;
+  PatchNode* n = reinterpret_cast<PatchNode*>(nodes.base() + kStoreHeaderBytes);
+  const auto objects = skeleton.objects();
+  for (size_t i = 0; i < roots.size(); ++i) {
+    n[i].root = uint32_t(i), n[i].bound = roots[i].bound;
+    const ObjectRecord& o = objects[roots[i].object];
+    if (o.prototype != kNone)
+      n[i].prototype = 1 + objects[o.prototype].firstPatch + (uint32_t(i) - o.firstPatch);
+  }
+  return true;
+}
+
 Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd) {
   std::unique_ptr<SceneCache> c(new SceneCache);
   Impl& d = *c->impl_;
@@ -116,19 +133,9 @@ Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd) {
   auto arena = SharedStore::create("fr-arena", kArenaMagic);
   if (!arena) return std::move(arena).error();
   d.arena = *std::move(arena);
-  const auto roots = c->skeleton_.rootPatches();
-  if (!roots.empty()) {
-    if (d.nodes.allocate(roots.size() * sizeof(PatchNode), 64) != kStoreHeaderBytes) {
-      return makeError(RiError::kNoMem, "no memory for the {} patches of the scene", roots.size());
-    }
-    PatchNode* n = reinterpret_cast<PatchNode*>(d.nodes.base() + kStoreHeaderBytes);
-    const auto objects = c->skeleton_.objects();
-    for (size_t i = 0; i < roots.size(); ++i) {
-      n[i].root = uint32_t(i), n[i].bound = roots[i].bound;
-      const ObjectRecord& o = objects[roots[i].object];
-      if (o.prototype != kNone)
-        n[i].prototype = 1 + objects[o.prototype].firstPatch + (uint32_t(i) - o.firstPatch);
-    }
+  if (!d.addRootNodes(c->skeleton_)) {
+    return makeError(RiError::kNoMem, "no memory for the {} patches of the scene",
+                     c->skeleton_.rootPatches().size());
   }
   if (auto r = d.takeOwnerSlot(); !r) return std::move(r).error();
   d.deriveFrom(c->skeleton_);
@@ -193,12 +200,24 @@ const AttributeRecord& SceneCache::attributesOf(NodeId id) const {
   return skeleton_.attributes()[objectOf(id).attributes];
 }
 
+void SceneCache::Impl::dropChunks() { id = nextInstance.fetch_add(1); }
+
+uint64_t SceneCache::Impl::allocateChildren() {
+  const uint64_t offset = nodes.allocate(2 * sizeof(PatchNode), sizeof(PatchNode));
+  if (!offset) noRoom = true;
+  return offset;
+}
+
 uint64_t SceneCache::Impl::allocateGrid(uint64_t bytes) {
   bytes = (bytes + 63) / 64 * 64;
   // Few caches are open at a time; the oldest one's chunk is dropped when another needs its place.
   thread_local Chunk chunks[4];
   thread_local unsigned next = 0;
-  if (bytes > kChunkBytes / 4) return arena.allocate(bytes, kPositionAlign);
+  if (bytes > kChunkBytes / 4) {
+    const uint64_t start = arena.allocate(bytes, kPositionAlign);
+    if (!start) noRoom = true;
+    return start;
+  }
   Chunk* c = std::find_if(chunks, chunks + 4, [this](const Chunk& k) { return k.instance == id; });
   if (c == chunks + 4) {
     c = &chunks[next++ % 4];
@@ -208,7 +227,10 @@ uint64_t SceneCache::Impl::allocateGrid(uint64_t bytes) {
     // A little at first: a small scene should stay small.
     const uint64_t size = c->end == 0 ? kChunkBytes / 4 : kChunkBytes;
     const uint64_t start = arena.allocate(size, kPositionAlign);
-    if (!start) return 0;
+    if (!start) {
+      noRoom = true;
+      return 0;
+    }
     *c = {id, start, start + size};
   }
   const uint64_t r = c->at;
@@ -340,6 +362,7 @@ CacheStatistics SceneCache::statistics() const {
   s.gridsDiced = d.gridsDiced.load(std::memory_order_relaxed);
   s.micropolygonsDiced = d.micropolygonsDiced.load(std::memory_order_relaxed);
   s.nodesSplit = d.nodesSplit.load(std::memory_order_relaxed);
+  s.gridsReused = d.gridsReused.load(std::memory_order_relaxed);
   s.gridsShared = d.gridsShared.load(std::memory_order_relaxed);
   s.claimsTakenOver = d.claimsTakenOver.load(std::memory_order_relaxed);
   s.dicingSeconds = double(d.diceNanoseconds.load(std::memory_order_relaxed)) * 1e-9;

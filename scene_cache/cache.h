@@ -127,6 +127,7 @@ struct GridView {
 struct CacheStatistics {  // totals of this process since it opened the cache
   uint64_t gridsDiced = 0, micropolygonsDiced = 0, nodesSplit = 0, claimsTakenOver = 0;
   uint64_t gridsShared = 0;                                   // that show a prototype's
+  uint64_t gridsReused = 0;                                   // that came from another cache
   uint64_t arenaBytes = 0, nodeBytes = 0, skeletonBytes = 0;  // of the shared segments
   double dicingSeconds = 0;
 };
@@ -152,6 +153,42 @@ class SceneCache {
   /// arena space. save() writes one: temporary name, then rename.
   static Result<std::unique_ptr<SceneCache>> openFile(const std::string& path);
   Result<void> save(const std::string& path);
+  /// Opens a .fsc file to look at it: nothing is ever diced, and grids are read where they stand in the file,
+  /// so it may be larger than memory. Checked: the checksums of skeleton and nodes and what they refer to;
+  /// grids only when they are used (peek()). The file must stay as it is while it is open.
+  static Result<std::unique_ptr<SceneCache>> openMapped(const std::string& path);
+  /// All checksums of a .fsc file.
+  static Result<void> verifyFile(const std::string& path);
+  /// Drops this process's pages of grids that also stand in a file. References stay good.
+  void letGo() const;
+
+  // ---- building a file that may be larger than memory
+
+  /// As create(), but grids go straight to where they will stand in the file `path`, which appears when
+  /// finishFile() is done. `scratch`: folder for nodes meanwhile; "": the file's own.
+  static Result<std::unique_ptr<SceneCache>> createInFile(int skeletonFd, const std::string& path,
+                                                          const std::string& scratch);
+  /// What was diced is final: brings it to the disk and lets go of its memory. No other thread may be in
+  /// resolve().
+  Result<void> settle();
+  uint64_t unsettledBytes() const;
+  /// Completes the file and gives it its name; the cache cannot be used afterwards. `displacement`: see
+  /// FileFooter.
+  Result<void> finishFile(uint64_t displacement);
+  /// The error, once a grid could not be stored for want of memory or disk.
+  Result<void> room() const;
+
+  struct Reuse {
+    /// Displacement shaders and all that they read are as they were.
+    bool displacements = false;
+    /// Make nothing that the old cache does not have.
+    bool only = false;
+  };
+  /// From now on resolve() copies what `old` has, where dicing would make the same: objects are found again
+  /// by all that their grids depend on. Before the first resolve().
+  void takeGridsFrom(std::shared_ptr<const SceneCache> old, const Reuse& reuse);
+  /// FileFooter::displacement of an opened file.
+  uint64_t displacement() const;
   Segments segments() const;
 
   const Skeleton& skeleton() const { return skeleton_; }
@@ -202,6 +239,7 @@ class SceneCache {
 
  private:
   SceneCache();
+  Result<void> checkNodes(const std::string& path, bool grids) const;
   struct Impl;
   std::unique_ptr<Impl> impl_;
   Skeleton skeleton_;

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/grid_source.h"
 #include "scene_cache/primvar.h"
 #include "scene_cache/thin.h"
 #include "scene_cache/trim.h"
@@ -76,18 +77,24 @@ uint64_t SceneCache::Impl::make(const Skeleton& skeleton, NodeId nodeId, Displac
   if (!n || n->root >= roots.size()) return 0;
   const ObjectRecord& object = skeleton.objects()[roots[n->root].object];
   if (n->prototype != 0) return makePlaced(skeleton, nodeId, object);
+  if (gridSource) {
+    const uint64_t word = makeReused(skeleton, nodeId, object, displacer);
+    if (word || gridSource->reuse().only) return word;
+  }
   if (isThin(object)) return makeThin(skeleton, nodeId, object, displacer);
   return object.type == PrimitiveType::kMeshlets ? makeMeshlet(skeleton, nodeId, object, displacer)
                                                  : makeGrid(skeleton, nodeId, object, displacer);
 }
 
-namespace {
-
-void reportNoMemory(const Skeleton& s, const ObjectRecord& o) {
+void SceneCache::Impl::reportNoRoom(const Skeleton& s, const ObjectRecord& o) {
+  noRoom = true;
+  if (build) return;  // whoever builds the file stops and says why: SceneCache::room()
   Error e = makeError(RiError::kNoMem, "no memory for more grids; parts of the scene stay empty");
   e.where = locationOf(s, o);
   reportOnce("grid arena full", e);
 }
+
+namespace {
 
 /// Box of the node's part of the surface: samples, widened by what second differences say may lie between
 /// them.
@@ -212,9 +219,9 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
       for (int c = 0; c < 2; ++c) bounds[c].extend(sampledBound(still ? first.own : at.own, children[c]));
     }
     uint64_t offset = 0;
-    if (nodeCount() < kMostNodes) offset = nodes.allocate(2 * sizeof(PatchNode), sizeof(PatchNode));
+    if (nodeCount() < kMostNodes) offset = allocateChildren();
     if (!offset) {
-      reportNoMemory(skeleton, object);
+      reportNoRoom(skeleton, object);
       return 0;
     }
     auto* made = reinterpret_cast<PatchNode*>(nodes.base() + offset);
@@ -237,6 +244,15 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const ObjectId objectId = skeleton.rootPatches()[n.root].object;
   const bool displaced = displacer && displacer->displaces(objectId);
   const uint32_t rowStride = rowStrideFor(nu);
+  if (gridSource && !displaced) {
+    const auto borders = [&](int k, float* xyz) {
+      DiceSurfaces at;
+      const bool still = k == 0 || !prepare(skeleton, n.root, gridKeyTime(k, keys, shutter), true, &at);
+      const DiceSurfaces& now = still ? first : at;
+      diceBorders(now.own, now.borders, first.own, first.borders, rate, path, plan, xyz, rowStride);
+    };
+    if (const uint64_t word = reusePlanned(nodeId, plan, keys, borders)) return word;
+  }
   const uint64_t points = uint64_t(rowStride) * unsigned(nv) + unsigned(nu) + 1;
   const uint64_t keyBytes = (points * 12 + 15) / 16 * 16;
   const uint64_t normalBytes = displaced ? uint64_t(nu + 1) * unsigned(nv + 1) * 12 : 0;
@@ -244,7 +260,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const uint64_t room = sizeof(GridRecord) + kPositionAlign + unsigned(keys) * keyBytes + 64 + normalBytes;
   const uint64_t offset = allocateGrid(room);
   if (!offset) {
-    reportNoMemory(skeleton, object);
+    reportNoRoom(skeleton, object);
     return 0;
   }
   auto* g = new (arena.base() + offset) GridRecord{};
@@ -327,7 +343,7 @@ uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, con
                         (displaced ? uint64_t(count) * 12 : 0) + triangles * 3ull;
   const uint64_t offset = allocateGrid(room);
   if (!offset) {
-    reportNoMemory(skeleton, object);
+    reportNoRoom(skeleton, object);
     return 0;
   }
   auto* g = new (arena.base() + offset) GridRecord{};
@@ -387,7 +403,7 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
                         (displaced ? uint64_t(count) * 12 : 0) + triangles * 3ull;
   const uint64_t offset = allocateGrid(room);
   if (!offset) {
-    reportNoMemory(skeleton, object);
+    reportNoRoom(skeleton, object);
     return 0;
   }
   auto* g = new (arena.base() + offset) GridRecord{};

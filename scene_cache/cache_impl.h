@@ -2,6 +2,8 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -16,6 +18,11 @@
 
 namespace fr::cache {
 
+struct FileBuild;
+struct FileFooter;
+class GridSource;
+
+inline constexpr size_t kPiece = size_t(4) << 20;               // that files are read and written in
 inline constexpr uint64_t kNodesMagic = 0x3145444f4e435346ull;  // "FSCNODE1"
 inline constexpr uint64_t kArenaMagic = 0x314e455241435346ull;  // "FSCAREN1"
 
@@ -49,7 +56,11 @@ struct SceneCache::Impl {
   size_t skeletonSize = 0;
   SharedStore nodes, arena;
   bool readOnly = false;
-  uint64_t id = 0;  // of this instance within the process, for the threads' chunks
+  uint64_t id = 0;                   // of this instance within the process, for the threads' chunks
+  std::unique_ptr<FileBuild> build;  // grids go to this file
+  std::atomic<bool> noRoom{false};   // a grid could not be stored
+  uint64_t displacement = 0;         // FileFooter::displacement of the file that this is
+  std::unique_ptr<GridSource> gridSource;
 
   // ---- ownership of claims: a slot whose byte of the nodes file this process has locked
   int ownerFd = -1;
@@ -61,7 +72,7 @@ struct SceneCache::Impl {
   std::unique_ptr<SubdivisionStore> subdivisions;
 
   std::atomic<uint64_t> gridsDiced{0}, micropolygonsDiced{0}, nodesSplit{0}, claimsTakenOver{0},
-      gridsShared{0}, diceNanoseconds{0};
+      gridsShared{0}, gridsReused{0}, diceNanoseconds{0};
 
   Result<void> mapSkeleton(int fd, Skeleton* out);
   Result<void> takeOwnerSlot();
@@ -71,7 +82,17 @@ struct SceneCache::Impl {
 
   PatchNode* node(NodeId id) const;
   uint32_t nodeCount() const;
+  /// False: no room.
+  bool addRootNodes(const Skeleton& skeleton);
+  /// Offsets; 0: no room.
   uint64_t allocateGrid(uint64_t bytes);
+  uint64_t allocateChildren();
+  /// Threads go on with fresh chunks. While nobody dices.
+  void dropChunks();
+  /// Nodes as a file has them. `total`: how many it has.
+  void copyNodes(NodeId first, NodeId count, NodeId total, std::byte* out) const;
+  /// Behind the footer's grids. 0 or an errno.
+  int writeSkeleton(int fd, FileFooter* footer) const;
   /// Checked view of the grid at an arena offset, or nullptr.
   const GridRecord* grid(uint64_t offset, NodeId node) const;
 
@@ -80,9 +101,16 @@ struct SceneCache::Impl {
   /// Of an instance: what the prototype's node is, which has been resolved.
   uint64_t makePlaced(const Skeleton& skeleton, NodeId id, const ObjectRecord& object);
   bool prototypeReady(NodeId prototype) const;
+  /// The old cache's node, where it is the same; 0: has to be made (cache_reuse.cpp).
+  uint64_t makeReused(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
+  /// A planned grid that differs at its borders at most.
+  uint64_t reusePlanned(NodeId id, const DicePlan& plan, int keys,
+                        const std::function<void(int key, float* xyz)>& borders);
+  uint64_t copyGrid(const SceneCache& from, const GridRecord& grid, NodeId id);
   uint64_t makeMeshlet(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   uint64_t makeThin(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
   uint64_t makeGrid(const Skeleton& skeleton, NodeId id, const ObjectRecord& object, Displacer* displacer);
+  void reportNoRoom(const Skeleton& skeleton, const ObjectRecord& object);
   /// Rectangles from the root to the node; empty when the tree is damaged.
   std::vector<NodeRect> pathTo(const PatchNode& n) const;
   bool prepare(const Skeleton& skeleton, uint32_t root, float time, bool borders, DiceSurfaces* out);

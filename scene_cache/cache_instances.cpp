@@ -45,7 +45,7 @@ uint64_t SceneCache::Impl::makePlaced(const Skeleton& skeleton, NodeId nodeId, c
   if (stateOf(word) == NodeState::kSplit) {
     const NodeId first = splitFirst(word);
     if (uint64_t(first) + 2 > nodeCount()) return 0;
-    const uint64_t offset = nodes.allocate(2 * sizeof(PatchNode), sizeof(PatchNode));
+    const uint64_t offset = allocateChildren();
     if (!offset) return 0;
     auto* made = reinterpret_cast<PatchNode*>(nodes.base() + offset);
     for (uint32_t c = 0; c < 2; ++c) {

@@ -284,7 +284,14 @@ void dicePositions(const Surface& surface, const RootBorders& borders, const Sur
   const int nu = 1 << plan.log2Nu, nv = 1 << plan.log2Nv;
   const GridParameters g = gridParameters(n, plan.log2Nu, plan.log2Nv);
   surface.grid(nu, g.u, nv, g.v, xyz, rowStride);
+  diceBorders(surface, borders, planSurface, planBorders, rate, path, plan, xyz, rowStride);
+}
 
+void diceBorders(const Surface& surface, const RootBorders& borders, const Surface& planSurface,
+                 const RootBorders& planBorders, const DiceRate& rate, std::span<const NodeRect> path,
+                 const DicePlan& plan, float* xyz, size_t rowStride) {
+  const NodeRect& n = path.back();
+  const int nu = 1 << plan.log2Nu, nv = 1 << plan.log2Nv;
   const PositionRule rule(surface, borders, planSurface, planBorders, rate, path);
   const size_t level = path.size() - 1;
   const auto put = [&](int i, int j, const Vec3& p) {

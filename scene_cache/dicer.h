@@ -72,6 +72,11 @@ void collapsedParameters(const NodeRect& node, int log2Nu, int log2Nv, const uin
 void dicePositions(const Surface& surface, const RootBorders& borders, const Surface& planSurface,
                    const RootBorders& planBorders, const DiceRate& rate, std::span<const NodeRect> path,
                    const DicePlan& plan, float* xyz, size_t rowStride);
+/// The same of those vertices alone that depend on the rate: corners, borders that collapse or are another
+/// patch's. The others must be in place.
+void diceBorders(const Surface& surface, const RootBorders& borders, const Surface& planSurface,
+                 const RootBorders& planBorders, const DiceRate& rate, std::span<const NodeRect> path,
+                 const DicePlan& plan, float* xyz, size_t rowStride);
 
 /// Largest distance between the surface of stride 2^level and the vertices, and the longest cell diagonal.
 void measureGrid(const float* xyz, int nu, int nv, size_t rowStride, int levels, float deviation[kLevels],

@@ -37,6 +37,8 @@ struct FrameOverrides {
   std::optional<std::array<double, 4>> crop;  ///< xmin xmax ymin ymax in [0,1]
   std::optional<std::array<double, 2>> pixelSamples;
   std::optional<float> shadingRate;
+  /// Where the RIB has no Attribute "render" "patch_multiplier".
+  std::optional<float> patchMultiplier;
   /// Not empty: replace all Display requests but those for depth files, which later frames may need as shadow
   /// maps.
   std::vector<DisplayOverride> displays;

@@ -13,7 +13,7 @@ ProgressBar::~ProgressBar() {
   if (drawn_) std::fputs("\r\033[K", stderr);
 }
 
-void ProgressBar::update(double fraction) {
+void ProgressBar::update(double fraction, std::string_view rate) {
   if (!enabled_) return;
   std::lock_guard lock(mutex_);
   const auto now = Clock::now();
@@ -24,8 +24,9 @@ void ProgressBar::update(double fraction) {
   const double seconds = std::chrono::duration<double>(now - start_).count();
   const int width = 36, filled = int(fraction * width);
   std::string left = fraction > 0.01 ? fmt::format("{:.0f} s left", seconds / fraction - seconds) : "";
-  fmt::print(stderr, "\r\033[K{} [{}{}] {:3.0f} % {}", title_, std::string(size_t(filled), '#'),
-             std::string(size_t(width - filled), '.'), fraction * 100, left);
+  if (!rate.empty() && !left.empty()) left += ", ";
+  fmt::print(stderr, "\r\033[K{} [{}{}] {:3.0f} % {}{}", title_, std::string(size_t(filled), '#'),
+             std::string(size_t(width - filled), '.'), fraction * 100, left, rate);
   std::fflush(stderr);
 }
 

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <mutex>
 #include <string>
+#include <string_view>
 
 namespace fr::tools {
 
@@ -12,8 +13,8 @@ class ProgressBar {
  public:
   ProgressBar(bool enabled, std::string title);
   ~ProgressBar();
-  /// fraction in [0,1].
-  void update(double fraction);
+  /// fraction in [0,1]. `rate`: how fast it goes, in words.
+  void update(double fraction, std::string_view rate = {});
 
  private:
   using Clock = std::chrono::steady_clock;
