@@ -33,7 +33,8 @@ Examples:
 struct CommandLine {
   std::vector<std::string> inputs;
   std::string output = "-";
-  bool ascii = false, binary = false, gzip = false, compact = false, check = false, expand = false, quiet = false;
+  bool ascii = false, binary = false, gzip = false, compact = false, check = false, expand = false,
+       quiet = false;
   std::string archives;
 };
 

@@ -237,7 +237,8 @@ TEST(ShmOracle, AnswersAreTheSameHoweverOftenTheTracerIsKilled) {
     EXPECT_GE(kills, 20);
   }
   EXPECT_EQ(same, rounds);
-  // The descriptors of the last tracer: its socket, pidfd and board, and the two of the watch over its socket.
+  // The descriptors of the last tracer: its socket, pidfd and board, and the two of the watch over its
+  // socket.
   EXPECT_LE(shm::openDescriptorCount(), descriptors + 5);
   setReportSink({});
   EXPECT_GE(warnings, 20);

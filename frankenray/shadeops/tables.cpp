@@ -19,12 +19,14 @@
 #define HITTEST(a, b, c, d) ENTRY("float", "rayserver_rayhittest", a ", " b ", " c ", " d FRAME)
 #define HITTEST_OUT(a, b)                                                                                  \
   HITTEST(a, b, "point", "vector")                                                                         \
-  HITTEST(a, b, "point", "normal") HITTEST(a, b, "point", "point") HITTEST(a, b, "vector", "vector")       \
-      HITTEST(a, b, "vector", "normal") HITTEST(a, b, "vector", "point") HITTEST(a, b, "normal", "vector") \
-          HITTEST(a, b, "normal", "normal") HITTEST(a, b, "normal", "point")
-#define FROM(M)                                                                                             \
-  M("point", "vector")                                                                                      \
-  M("point", "point") M("point", "normal") M("vector", "vector") M("vector", "point") M("vector", "normal") \
+  HITTEST(a, b, "point", "normal")                                                                         \
+  HITTEST(a, b, "point", "point") HITTEST(a, b, "vector", "vector") HITTEST(a, b, "vector", "normal")      \
+      HITTEST(a, b, "vector", "point") HITTEST(a, b, "normal", "vector") HITTEST(a, b, "normal", "normal") \
+          HITTEST(a, b, "normal", "point")
+#define FROM(M)                                                                         \
+  M("point", "vector")                                                                  \
+  M("point", "point")                                                                   \
+  M("point", "normal") M("vector", "vector") M("vector", "point") M("vector", "normal") \
       M("normal", "vector") M("normal", "point") M("normal", "normal")
 
 #define FULLTRACE(a, b, c, d, e, f) \
