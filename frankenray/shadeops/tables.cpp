@@ -17,17 +17,12 @@
 #define COLOR_OF_TWO(function, a, b) ENTRY("color", function, a ", " b)
 
 #define HITTEST(a, b, c, d) ENTRY("float", "rayserver_rayhittest", a ", " b ", " c ", " d FRAME)
-#define HITTEST_OUT(a, b)                                                                                  \
-  HITTEST(a, b, "point", "vector")                                                                         \
-  HITTEST(a, b, "point", "normal")                                                                         \
-  HITTEST(a, b, "point", "point") HITTEST(a, b, "vector", "vector") HITTEST(a, b, "vector", "normal")      \
-      HITTEST(a, b, "vector", "point") HITTEST(a, b, "normal", "vector") HITTEST(a, b, "normal", "normal") \
-          HITTEST(a, b, "normal", "point")
-#define FROM(M)                                                                         \
-  M("point", "vector")                                                                  \
-  M("point", "point")                                                                   \
-  M("point", "normal") M("vector", "vector") M("vector", "point") M("vector", "normal") \
-      M("normal", "vector") M("normal", "point") M("normal", "normal")
+// Three at a time: what follows a macro's call is laid out anew by each run of clang-format when there is
+// more.
+#define HITTEST_3(a, b, c) HITTEST(a, b, c, "vector") HITTEST(a, b, c, "normal") HITTEST(a, b, c, "point")
+#define HITTEST_OUT(a, b) HITTEST_3(a, b, "point") HITTEST_3(a, b, "vector") HITTEST_3(a, b, "normal")
+#define FROM_3(M, a) M(a, "vector") M(a, "point") M(a, "normal")
+#define FROM(M) FROM_3(M, "point") FROM_3(M, "vector") FROM_3(M, "normal")
 
 #define FULLTRACE(a, b, c, d, e, f) \
   ENTRY("float", "rayserver_fulltrace", a ", " b ", color, float, " c ", " d ", " e ", " f FRAME)
