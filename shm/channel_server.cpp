@@ -2,6 +2,7 @@
 
 #include <sched.h>
 
+#include <algorithm>
 #include <array>
 #include <climits>
 #include <cstring>
@@ -299,9 +300,18 @@ bool ChannelServer::serveBlock(const std::shared_ptr<ServerChannel>& channel, st
   return true;
 }
 
+/// Whether the client's last block came from this processor.
+bool ChannelServer::isNear(const ServerChannel& ch) {
+  return ch.memory.control().tail.processor.load(std::memory_order_relaxed) == currentProcessor();
+}
+
+bool ChannelServer::hasNear(const Channels& channels) {
+  return std::any_of(channels.begin(), channels.end(), [](const auto& ch) { return isNear(*ch); });
+}
+
 /// Whether the threads of another processor get on with a channel of theirs.
 bool ChannelServer::leaveToOthers(const ServerChannel& ch, Thread::Progress& seen) {
-  if (ch.memory.control().tail.processor.load(std::memory_order_relaxed) == currentProcessor()) return false;
+  if (isNear(ch)) return false;
   const auto now = std::chrono::steady_clock::now();
   const uint64_t head = ch.head.load(std::memory_order_relaxed);
   if (head != seen.head) {
@@ -375,7 +385,7 @@ void ChannelServer::run() {
     if (serve(thread, Whose::kNear) > 0) continue;
     // Before we fetch work from other processors: one of our own clients may be about to make some.
     if (hasWork(*thread.channels)) {
-      ::sched_yield();
+      if (hasNear(*thread.channels)) ::sched_yield();
       if (serve(thread, Whose::kAll) > 0) continue;
     }
     auto ready = [&] {

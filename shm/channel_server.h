@@ -112,6 +112,8 @@ class ChannelServer {
     bool servedMail = false;         // whether what it served last was a mail
   };
   enum class Whose { kNear, kAll };
+  static bool isNear(const ServerChannel& channel);
+  static bool hasNear(const Channels& channels);
   ChannelServer(ChannelHandler& handler, std::chrono::nanoseconds spin, std::shared_ptr<ServerBoard> board);
   std::shared_ptr<const Channels> channels() const;
   size_t serve(Thread& thread, Whose whose);
