@@ -19,7 +19,7 @@ namespace {
 
 std::string world(double shadingRate, const std::string& body) {
   return fmt::format(
-      "Format 512 512 1\nProjection \"perspective\" \"fov\" [40]\nShadingRate {}\nTranslate 0 0 "
+      "Format 512 512 1\nShutter 0 1\nProjection \"perspective\" \"fov\" [40]\nShadingRate {}\nTranslate 0 0 "
       "4\nWorldBegin\n{}"
       "\nWorldEnd\n",
       shadingRate, body);
@@ -150,19 +150,19 @@ std::vector<MemoryCase> memoryCases() {
                          (i / 141) * 0.0142 - 0.986);
   constexpr double kGrids = 40, kMeshes = 50;
   return {
-      {"sphere", world(0.5, "Sphere 1 -1 1 360\n"), false, kGrids},
-      {"torus", world(0.5, "Torus 1 0.3 0 360 360\n"), false, kGrids},
+      {"sphere", world(0.5, "Sphere 1 -1 1 360\n"), false, kGrids, kGrids},
+      {"torus", world(0.5, "Torus 1 0.3 0 360 360\n"), false, kGrids, kGrids},
       {"bilinear patch", world(0.1, "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 1  -1 1 1  1 1 0]\n"), false,
-       kGrids},
-      {"bicubic patch", world(0.1, bicubic), false, kGrids},
-      {"NURBS", world(0.1, nurbs), false, kGrids},
-      {"subdivision", world(0.25, cube), false, kGrids},
-      {"moving sphere", world(0.5, "Translate 0 0 0\n" + moving), false, 0},
-      {"small patches", world(1, small), false, 0},
-      {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes},
-      {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes},
-      {"curves", world(1, manyCurves()), true, kMeshes},
-      {"points", world(1, manyPoints()), true, kMeshes},
+       kGrids, kGrids},
+      {"bicubic patch", world(0.1, bicubic), false, kGrids, kGrids},
+      {"NURBS", world(0.1, nurbs), false, kGrids, kGrids},
+      {"subdivision", world(0.25, cube), false, kGrids, kGrids},
+      {"moving sphere", world(0.5, moving), false, 0, 100},
+      {"small patches", world(1, small), false, 0, 300},
+      {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes, 115},
+      {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes, 115},
+      {"curves", world(1, manyCurves()), true, kMeshes, kMeshes},
+      {"points", world(1, manyPoints()), true, kMeshes, 130},
   };
 }
 

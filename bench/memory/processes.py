@@ -62,9 +62,10 @@ class Watched:
                 row = {}
                 for pid in family(process.pid):
                     memory = memory_of(pid)
-                    if memory is None or memory['rss'] == 0:
-                        continue
-                    mine = row.setdefault(name_of(pid), dict.fromkeys(memory, 0))
+                    name = name_of(pid)
+                    if not name or memory is None or memory['rss'] == 0:
+                        continue  # it ends at this moment
+                    mine = row.setdefault(name, dict.fromkeys(memory, 0))
                     for key, value in memory.items():
                         mine[key] += value
                 if row:

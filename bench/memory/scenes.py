@@ -136,19 +136,19 @@ def build_scenes(folder):
 
     spheres = ''.join(f'AttributeBegin\nTranslate {rng.uniform(-4, 4):.3f} {rng.uniform(-2, 2):.3f} {rng.uniform(0, 5):.3f}\n'
                       'Sphere 1 -1 1 360\nAttributeEnd\n' for _ in range(60))
-    scene('quadrics', 'quadrics.rib', spheres, 0.02)
+    scene('quadrics', 'quadrics.rib', spheres, 0.5)
     scene('displaced quadrics', 'displaced.rib',
-          'Displacement "rock"\nAttribute "displacementbound" "float sphere" [0.15] "string coordinatesystem" ["shader"]\n' + spheres, 0.06)
+          'Displacement "rock"\nAttribute "displacementbound" "float sphere" [0.15] "string coordinatesystem" ["shader"]\n' + spheres, 1)
     patches = ''
     for _ in range(60):
         points = [f'{x + rng.uniform(-0.3, 0.3):.3f} {y + rng.uniform(-0.3, 0.3):.3f} {rng.uniform(-0.5, 0.5):.3f}'
                   for y in range(4) for x in range(4)]
         patches += (f'AttributeBegin\nTranslate {rng.uniform(-4, 2):.3f} {rng.uniform(-2, 0):.3f} {rng.uniform(0, 5):.3f}\n'
                     f'Patch "bicubic" "P" [{" ".join(points)}]\nAttributeEnd\n')
-    scene('bicubic patches', 'patches.rib', patches, 0.02)
+    scene('bicubic patches', 'patches.rib', patches, 0.5)
     cube = ('SubdivisionMesh "catmull-clark" [4 4 4 4 4 4] [0 1 3 2 2 3 5 4 4 5 7 6 6 7 1 0 1 7 5 3 6 0 2 4] ["interpolateboundary"] [0 0] [] [] '
             '"P" [-1 -1 1 1 -1 1 -1 1 1 1 1 1 -1 1 -1 1 1 -1 -1 -1 -1 1 -1 -1]\n')
     scene('subdivision meshes', 'subdivision.rib',
           ''.join(f'AttributeBegin\nTranslate {rng.uniform(-4, 4):.3f} {rng.uniform(-2, 2):.3f} {rng.uniform(0, 5):.3f}\n'
-                  f'Rotate {rng.uniform(0, 360):.1f} 1 1 0\n{cube}AttributeEnd\n' for _ in range(60)), 0.02)
+                  f'Rotate {rng.uniform(0, 360):.1f} 1 1 0\n{cube}AttributeEnd\n' for _ in range(60)), 0.5)
     return made
