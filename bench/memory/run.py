@@ -172,13 +172,13 @@ def budget(b):
     for instances in (False, True):
         rib = scenes.mountain(b.folder, b.arguments.millions, instances, *b.arguments.size)
         picture = b.folder / rib.replace('.rib', '.exr')
-        base = [b.program('frankenrender'), '--no-progress', '--stats', '--threads', str(b.arguments.threads), '--scratch', str(b.folder)]
+        base = [b.program('frankenrender'), '--no-progress', '--stats', '--threads', str(b.arguments.threads)]
         whole, rows, series, reference = None, [], {}, None
         for part in (1, 2, 4, 8, 16):
             limit = None if whole is None else int(whole / part)
             if part > 1 and b.arguments.least and limit < b.arguments.least * MIB:
                 break
-            memory = [] if limit is None else ['--memory', f'{limit // MIB}M']
+            memory = [] if limit is None else ['--memory', f'{limit // MIB}M', '--scratch', str(b.folder)]
             picture.unlink(missing_ok=True)
             # A hard limit a little above, so that a leak fails rather than merely shows.
             run = b.watch(base + memory + [rib], limit=limit * 1.25 if limit and b.arguments.cgroup else None)
@@ -211,10 +211,13 @@ def main():
     parser.add_argument('--size', type=int, nargs=2, default=(1920, 1080), help='budget: pixels')
     parser.add_argument('--least', type=int, default=0, help='budget: stop below so many MiB')
     parser.add_argument('--cgroup', action='store_true', help='budget: also a hard limit by a memory control group (version 1, root)')
-    parser.add_argument('parts', nargs='*', choices=[[], *PARTS], help='default: all but budget')
+    parser.add_argument('parts', nargs='*', help='default: all but budget')
     arguments = parser.parse_args()
+    unknown = [p for p in arguments.parts if p not in PARTS]
+    if unknown:
+        parser.error(f'no such part: {", ".join(unknown)}')
     figures = {}
-    with tempfile.TemporaryDirectory(dir=arguments.keep and None) as temporary:
+    with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(arguments.keep or temporary).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         b = Bench(arguments, folder)
