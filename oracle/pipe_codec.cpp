@@ -1,8 +1,10 @@
 #include "oracle/pipe_codec.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 
 #include "oracle/control_message.h"
 #include "oracle/query_fields.h"
@@ -111,9 +113,12 @@ size_t answerBytes(RayKind kind, const RayTerms& terms) {
   return fixed + (tellsNode(kind, terms) ? 4 : 0);
 }
 
+/// Bit by bit: -0 is not 0, and what is no number is itself.
 template <class T>
 bool anyOtherThan(const T* a, uint32_t n, T value) {
-  return std::any_of(a, a + n, [&](const T& x) { return std::memcmp(&x, &value, sizeof x) != 0; });
+  using Bits = std::conditional_t<sizeof(T) == 4, uint32_t, uint64_t>;
+  return std::any_of(a, a + n,
+                     [&](const T& x) { return std::bit_cast<Bits>(x) != std::bit_cast<Bits>(value); });
 }
 
 }  // namespace
@@ -234,8 +239,9 @@ void putPipeRays(std::vector<std::byte>& out, uint32_t id, uint32_t flags, const
     r.columns |= kHasStart;
   if (anyOtherThan(q.seed, n, uint64_t(0))) r.columns |= kHasSeed;
   if (anyOtherThan(q.importance, n, 0x3f800000u)) r.columns |= kHasImportance;
-  const RayTerms nothing{};
-  if (std::memcmp(&q.terms, &nothing, sizeof nothing) != 0) r.columns |= kHasTerms;
+  const auto terms = std::as_bytes(std::span(&q.terms, 1));
+  if (std::any_of(terms.begin(), terms.end(), [](std::byte b) { return b != std::byte(0); }))
+    r.columns |= kHasTerms;
   const size_t termsBytes = r.columns & kHasTerms ? sizeof(RayTerms) : 0;
   FrameHeader h;
   h.type = uint16_t(PipeFrameType::kRays);

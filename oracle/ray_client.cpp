@@ -67,7 +67,7 @@ Result<LinkPtr> meet(PipeEnds ends, shm::PeerSocket socket, const RayClientOptio
 RayClient::RayClient(std::shared_ptr<Link> link) : link_(std::move(link)) {}
 RayClient::~RayClient() = default;
 
-Result<std::unique_ptr<RayClient>> RayClient::join(std::string_view name, RayClientOptions options) {
+Result<std::unique_ptr<RayClient>> RayClient::join(std::string_view name, const RayClientOptions& options) {
   auto socket = shm::connectNamed(name);
   if (!socket) return std::move(socket).error();
   if (Result<void> r = greetServer(*socket, options); !r) return std::move(r).error();
@@ -76,14 +76,15 @@ Result<std::unique_ptr<RayClient>> RayClient::join(std::string_view name, RayCli
   return std::unique_ptr<RayClient>(new RayClient(std::move(link).value()));
 }
 
-Result<std::unique_ptr<RayClient>> RayClient::start(std::string_view commandLine, RayClientOptions options) {
+Result<std::unique_ptr<RayClient>> RayClient::start(std::string_view commandLine,
+                                                    const RayClientOptions& options) {
   auto words = splitCommandLine(commandLine);
   if (!words) return std::move(words).error();
-  return start(std::move(words).value(), std::move(options));
+  return start(std::move(words).value(), options);
 }
 
 Result<std::unique_ptr<RayClient>> RayClient::start(std::vector<std::string> words,
-                                                    RayClientOptions options) {
+                                                    const RayClientOptions& options) {
   if (words.empty()) return makeError(RiError::kRange, "the ray server's command line is empty");
   auto toServer = makePipe();
   if (!toServer) return std::move(toServer).error();

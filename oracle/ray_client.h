@@ -51,7 +51,7 @@ class RayClient : public RayOracleService {
   /// A server of this user that was started with -name (or any, by its process id). Waits until its scene is
   /// loaded. Errors: kNoFile (no such server), kVersion (another build; names both), kBadHandle (another
   /// user's), kSystem.
-  static Result<std::unique_ptr<RayClient>> join(std::string_view name, RayClientOptions options = {});
+  static Result<std::unique_ptr<RayClient>> join(std::string_view name, const RayClientOptions& options = {});
 
   /// Starts a server and waits until it can answer. The words of `commandLine` are divided at blanks; quotes
   /// and backslashes as in sh, no expansion. A server of ours is found out by what it says on the socket that
@@ -59,9 +59,9 @@ class RayClient : public RayOracleService {
   /// output: our frames if it knows them, else the protocol of 1998. The server ends with the client. Errors:
   /// kNoFile (no such program), kRange (no words), kVersion, kSystem (it ended, or gave no sign of life).
   static Result<std::unique_ptr<RayClient>> start(std::string_view commandLine,
-                                                  RayClientOptions options = {});
+                                                  const RayClientOptions& options = {});
   static Result<std::unique_ptr<RayClient>> start(std::vector<std::string> words,
-                                                  RayClientOptions options = {});
+                                                  const RayClientOptions& options = {});
   ~RayClient() override;
 
   /// A line for one thread. Errors: the server is gone or refuses.
