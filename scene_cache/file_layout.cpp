@@ -104,7 +104,9 @@ int writeFooter(int fd, FileFooter& f) {
   f.byteOrder = 0x01020304;
   f.layout = layoutFingerprint();
   f.checksum = XXH3_64bits(&f, offsetof(FileFooter, checksum));
-  return writeAll(fd, &f, sizeof f, f.nodes.end());
+  if (const int e = writeAll(fd, &f, sizeof f, f.nodes.end())) return e;
+  // What was allocated beyond it would hide it.
+  return ftruncate(fd, off_t(f.nodes.end() + sizeof f)) == 0 ? 0 : errno;
 }
 
 }  // namespace fr::cache
