@@ -6,12 +6,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <span>
 #include <thread>
 
 #include "frankenray/testing/small_scene.h"
@@ -144,12 +146,17 @@ struct Many {
   }
 };
 
+/// Bit by bit.
+template <class Number>
+bool sameBits(const Number (&a)[3], const Number (&b)[3]) {
+  const auto x = std::as_bytes(std::span(a)), y = std::as_bytes(std::span(b));
+  return std::equal(x.begin(), x.end(), y.begin());
+}
+
 bool same(const frankenray_hit& a, const frankenray_hit& b) {
-  return std::memcmp(a.color, b.color, sizeof a.color) == 0 && a.distance == b.distance &&
-         std::memcmp(a.position, b.position, sizeof a.position) == 0 &&
-         std::memcmp(a.normal, b.normal, sizeof a.normal) == 0 && a.miss_depth == b.miss_depth &&
-         std::memcmp(a.miss_position, b.miss_position, sizeof a.miss_position) == 0 &&
-         std::memcmp(a.miss_direction, b.miss_direction, sizeof a.miss_direction) == 0;
+  return sameBits(a.color, b.color) && a.distance == b.distance && sameBits(a.position, b.position) &&
+         sameBits(a.normal, b.normal) && a.miss_depth == b.miss_depth &&
+         sameBits(a.miss_position, b.miss_position) && sameBits(a.miss_direction, b.miss_direction);
 }
 
 TEST_P(Frankenray, SingleRaysHaveTheAnswersOfTheScene) {
@@ -495,6 +502,7 @@ TEST_P(Frankenray, EveryThreadHasALine) {
   Many whole(FRANKENRAY_TRACE, 2000);
   ASSERT_EQ(frankenray_answer(line_, &whole.rays, &whole.answers), FRANKENRAY_OK);
   std::vector<std::thread> threads;
+  threads.reserve(6);
   std::atomic<int> wrong{0};
   for (int t = 0; t < 6; ++t)
     threads.emplace_back([&] {
