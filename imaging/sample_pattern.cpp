@@ -83,7 +83,11 @@ SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleD
       offsets_.push_back({step(p.x), step(p.y)});
       if (blur) addBlur(s, jitter, pixelSeed, dimensions);
     }
-    if (blur && dimensions.sorted) sortPixel(first, dimensions);
+    if (!blur) continue;
+    const auto all = size_t(perPixel());
+    size_t end = dimensions.firstRound > 0 ? std::min(size_t(dimensions.firstRound), all) : all;
+    for (size_t begin = 0; begin < all; begin = end, end = std::min(2 * end, all))
+      sortSamples(first + begin, end - begin, dimensions);
   }
 }
 
@@ -117,8 +121,7 @@ void SamplePattern::addBlur(int sample, bool jitter, uint32_t seed, const Sample
   blurs_.push_back(b);
 }
 
-void SamplePattern::sortPixel(size_t first, const SampleDimensions& dimensions) {
-  const auto n = size_t(perPixel());
+void SamplePattern::sortSamples(size_t first, size_t n, const SampleDimensions& dimensions) {
   std::vector<size_t> order(n);
   std::iota(order.begin(), order.end(), first);
   std::vector<float> key(n);
@@ -134,8 +137,9 @@ void SamplePattern::sortPixel(size_t first, const SampleDimensions& dimensions) 
   }
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return key[a - first] < key[b - first]; });
-  const std::vector<Offset> offsets(offsets_.begin() + ptrdiff_t(first), offsets_.end());
-  const std::vector<Blur> blurs(blurs_.begin() + ptrdiff_t(first), blurs_.end());
+  const std::vector<Offset> offsets(offsets_.begin() + ptrdiff_t(first),
+                                    offsets_.begin() + ptrdiff_t(first + n));
+  const std::vector<Blur> blurs(blurs_.begin() + ptrdiff_t(first), blurs_.begin() + ptrdiff_t(first + n));
   for (size_t i = 0; i < n; ++i) {
     offsets_[first + i] = offsets[order[i] - first];
     blurs_[first + i] = blurs[order[i] - first];

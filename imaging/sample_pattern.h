@@ -17,14 +17,15 @@ inline constexpr int kSubpixels = 1 << kSubpixelBits;
 struct SampleDimensions {
   bool time = false, lens = false;
   /// Samples come by time, or by place on the lens when there is no time: the n-th samples of all pixels then
-  /// are close to each other in it. Not for adaptive sampling, which takes the first samples of a pixel.
-  bool sorted = true;
+  /// are close to each other in it. Adaptive sampling takes the first `firstRound` samples of a pixel, then
+  /// doubles their number again and again: each of these parts is sorted for itself. 0: all together.
+  int firstRound = 0;
 };
 
 /// Owen-scrambled Sobol points, differently scrambled in each pixel of a block that repeats over the raster:
 /// so the samples of a pixel do not depend on the tile. Without jitter: centres of nx x ny cells, times and
-/// lens positions in equal steps. With jitter and unless sorted, the first 2^k samples of a pixel are well
-/// spread by themselves, for adaptive sampling.
+/// lens positions in equal steps. With jitter, the samples up to the end of each round are well spread by
+/// themselves.
 class SamplePattern {
  public:
   SamplePattern() = default;
@@ -52,7 +53,7 @@ class SamplePattern {
 
  private:
   void addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions);
-  void sortPixel(size_t first, const SampleDimensions& dimensions);
+  void sortSamples(size_t first, size_t n, const SampleDimensions& dimensions);
 
   int nx_ = 1, ny_ = 1, period_ = 1;
   bool jitter_ = false;

@@ -61,13 +61,20 @@ TEST(SamplePattern, TheLensIsADiskEvenlyCovered) {
   }
 }
 
-TEST(SamplePattern, UnsortedSamplesKeepTheirOrder) {
-  const SamplePattern plain(16, 1, true, 5), blurred(16, 1, true, 5, {true, true, false});
-  for (size_t i = 0; i < plain.offsets().size(); ++i) EXPECT_EQ(plain.offsets()[i].x, blurred.offsets()[i].x);
-  // The first four of a pixel are in four different quarters of the shutter.
-  std::set<int> quarters;
-  for (size_t i = 0; i < 4; ++i) quarters.insert(int(4 * blurred.blurs()[i].time));
-  EXPECT_EQ(quarters.size(), 4u);
+TEST(SamplePattern, RoundsAreWellSpreadAndSortedForThemselves) {
+  const SamplePattern plain(16, 1, true, 5), blurred(16, 1, true, 5, {true, true, 4});
+  const auto sum = [](const SamplePattern& p, size_t begin, size_t end) {
+    int s = 0;
+    for (size_t i = begin; i < end; ++i) s += p.offsets()[i].x;
+    return s;
+  };
+  for (const auto& [begin, end] : {std::pair(0, 4), std::pair(4, 8), std::pair(8, 16)}) {
+    EXPECT_EQ(sum(plain, size_t(begin), size_t(end)), sum(blurred, size_t(begin), size_t(end)));
+    for (int i = begin + 1; i < end; ++i)
+      EXPECT_LE(blurred.blurs()[size_t(i) - 1].time, blurred.blurs()[size_t(i)].time);
+  }
+  // The first four of a pixel are in the four quarters of the shutter.
+  for (size_t i = 0; i < 4; ++i) EXPECT_EQ(int(4 * blurred.blurs()[i].time), int(i));
 }
 
 TEST(SamplePattern, WithoutJitterTimesAreEqualSteps) {

@@ -2,7 +2,7 @@
 //
 // A face that sweeps over many pixels would be tested against many samples that see it elsewhere. So its
 // place is bounded for each sample number ("slot") alone: the samples of one slot are close to each other in
-// time, or on the lens (SampleDimensions::sorted), so their bounds are small (compare Akenine-Möller et al.,
+// time, or on the lens (SampleDimensions), so their bounds are small (compare Akenine-Möller et al.,
 // "Stochastic Rasterization using Time-Continuous Triangles", 2007). What is left is tested sixteen samples
 // at a time.
 #include "reyes/blur_kernel.h"

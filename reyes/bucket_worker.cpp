@@ -83,6 +83,11 @@ void BucketWorker::run() {
       s.gridsCulledBucket += h.gridsCulledTile;
   s.micropolygonsTested += h.micropolygonsTested, s.fragments += h.fragments;
   s.resolveSeconds += h.resolveSeconds, s.hideSeconds += h.drawSeconds;
+  if (statistics_.buckets > 0)
+    s.fewestSamples =
+        s.buckets ? std::min(s.fewestSamples, statistics_.fewestSamples) : statistics_.fewestSamples;
+  s.mostSamples = std::max(s.mostSamples, statistics_.mostSamples);
+  s.pixels += statistics_.pixels, s.errors += statistics_.errors;
   s.buckets += statistics_.buckets, s.samples += statistics_.samples;
   s.gridsShaded += statistics_.gridsShaded, s.pointsShaded += statistics_.pointsShaded;
   s.raysAsked += statistics_.raysAsked, s.rayBatches += statistics_.rayBatches;
@@ -104,16 +109,23 @@ bool BucketWorker::takeTile() {
   else
     p = std::move(idlePending_.back()), idlePending_.pop_back();
   const int tile = work_.order[index];
-  hider_.hide(tile, work_.film->tileRect(tile), p->view);
-  p->needed.clear(), p->nextToClaim = p->nextToFinish = 0;
-  for (TileGrid& g : p->view.grids) {
+  if (work_.adaptive)
+    p->adaptive.begin(int(work_.film->tileRect(tile).area()), kFixedChannels + int(work_.outputs.size()),
+                      *work_.adaptive);
+  hideTile(*p, tile);
+  pending_.push_back(std::move(p));
+  return true;
+}
+
+void BucketWorker::hideTile(Pending& p, int tile) {
+  hider_.hide(tile, work_.film->tileRect(tile), p.view, work_.adaptive ? p.adaptive.round() : SampleRound{});
+  p.needed.clear(), p.nextToClaim = p.nextToFinish = 0;
+  for (TileGrid& g : p.view.grids) {
     if (!g.seen || (g.traits.matte && g.traits.opaque)) continue;
     // The box of the whole grid, so that every tile that can see it is counted.
     g.shaded = work_.shaded->acquire(tile, g.node, *g.record, work_.scene->space.bounds(g.record->bound));
-    p->needed.push_back(g.shaded);
+    p.needed.push_back(g.shaded);
   }
-  pending_.push_back(std::move(p));
-  return true;
 }
 
 bool BucketWorker::startGrid() {
@@ -278,25 +290,48 @@ bool BucketWorker::finishTiles() {
       ++i;
       continue;
     }
+    any = true;
+    if (!finishRound(p)) {  // some pixels want more samples
+      ++i;
+      continue;
+    }
     finishTile(p);
     idlePending_.push_back(std::move(pending_[i]));
     pending_.erase(pending_.begin() + ptrdiff_t(i));
-    any = true;
   }
   return any;
 }
 
-void BucketWorker::finishTile(Pending& tile) {
+/// Colours of the samples that the tile was hidden for. False: it is hidden again, for more.
+bool BucketWorker::finishRound(Pending& tile) {
   {
     const Timer timer(statistics_.compositeSeconds);
     resolveTile(tile.view, work_.scene->space, int(work_.outputs.size()), work_.opacityThreshold,
                 work_.midpointDepth, colors_);
+    if (!work_.adaptive) return true;
+    tile.adaptive.add(colors_);
   }
+  if (tile.adaptive.done()) return true;
+  hideTile(tile, tile.view.tile);
+  return false;
+}
+
+void BucketWorker::finishTile(Pending& tile) {
+  const int* counts = nullptr;
+  if (work_.adaptive) {
+    const Timer timer(statistics_.compositeSeconds);
+    counts = tile.adaptive.gather(colors_);
+    statistics_.errors += tile.adaptive.errors();
+    const auto [fewest, most] = tile.adaptive.countRange();
+    statistics_.fewestSamples = statistics_.buckets ? std::min(statistics_.fewestSamples, fewest) : fewest;
+    statistics_.mostSamples = std::max(statistics_.mostSamples, most);
+  }
+  statistics_.pixels += uint64_t(work_.film->tileRect(tile.view.tile).area());
   work_.shaded->finishTile(tile.view.tile);
   const Timer timer(statistics_.filterAndWriteSeconds);
   std::vector<const float*> channels;
   for (const auto& c : colors_.channels) channels.push_back(c.data());
-  const TileSamples samples{tile.view.samples.perPixel(), nullptr, colors_.x.data(), colors_.y.data(),
+  const TileSamples samples{tile.view.samples.perPixel(), counts, colors_.x.data(), colors_.y.data(),
                             channels.data()};
   statistics_.samples += colors_.x.size(), ++statistics_.buckets;
   work_.film->addTile(tile.view.tile, samples, [this](FilmTile&& pixels) {

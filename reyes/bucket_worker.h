@@ -7,6 +7,7 @@
 
 #include "imaging/frame_journal.h"
 #include "imaging/frame_output.h"
+#include "reyes/adaptive_tile.h"
 #include "reyes/renderer.h"
 #include "reyes/shaded_grids.h"
 #include "reyes/tile_hider.h"
@@ -24,6 +25,7 @@ struct FrameWork {
   ShadingSystem* shading = nullptr;
   RayOracleService* oracle = nullptr;
   const RenderOptions* options = nullptr;
+  std::optional<AdaptiveSampling> adaptive;
   std::vector<OutputChannel> outputs;
   float opacityThreshold = 0.996f;
   bool midpointDepth = false;  // DepthFilter::midpoint; no surface counts as opaque then
@@ -56,6 +58,7 @@ class BucketWorker {
   /// A hidden tile, waiting for colours.
   struct Pending {
     TileView view;
+    AdaptiveTile adaptive;
     std::vector<ShadedGrid*> needed;
     size_t nextToClaim = 0, nextToFinish = 0;
   };
@@ -72,9 +75,11 @@ class BucketWorker {
   bool finishTiles();
   bool startGrid();
   bool takeTile();
+  void hideTile(Pending& tile, int index);
   void advance(std::unique_ptr<GridTask> task);
   bool submit(GridTask& task);
   void finishGrid(GridTask& task);
+  bool finishRound(Pending& tile);
   void finishTile(Pending& tile);
   bool connectOracle();
   void oracleGone(Error error);

@@ -5,6 +5,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <system_error>
@@ -49,11 +50,15 @@ void runWorkers(FrameWork& work, int threads) {
 
 /// Differs between frames whose pixels may differ.
 uint64_t frameIdentity(const cache::Skeleton& skeleton, const Film& film, const RenderOptions& options,
+                       const std::optional<AdaptiveSampling>& adaptive,
                        const std::vector<OutputChannel>& outputs) {
   const std::span<const std::byte> scene = skeleton.bytes();
   uint64_t h = XXH3_64bits(scene.data(), scene.size());
   const PixelRect& r = film.sampledRect();
-  for (const int v : {r.x0, r.y0, r.x1, r.y1, film.tileSize(), int(options.seed)})
+  const AdaptiveSampling none{0, 0, 0};
+  const AdaptiveSampling& a = adaptive ? *adaptive : none;
+  for (const int v : {r.x0, r.y0, r.x1, r.y1, film.tileSize(), int(options.seed),
+                      std::bit_cast<int>(a.variance), a.minSamples, a.maxSamples})
     h = hashStep(h, uint64_t(uint32_t(v)));
   for (const OutputChannel& o : outputs)
     h = hashStep(hashStep(h, XXH3_64bits(o.variable.data(), o.variable.size())),
@@ -87,11 +92,18 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   scene.cache = &cache;
   scene.space = ShutterSpace(camera, frameCameraKeys(skeleton), frameLens(skeleton));
   scene.lines = SightLines(camera, frameLens(skeleton));
-  scene.pattern = frameSamplePattern(skeleton, options.seed);
+  work.adaptive = frameAdaptiveSampling(skeleton, options.adaptive);
+  scene.pattern =
+      work.adaptive
+          ? SamplePattern(work.adaptive->maxSamples, 1, true, options.seed,
+                          {frameMoves(skeleton), frameLens(skeleton).radius > 0, work.adaptive->minSamples})
+          : frameSamplePattern(skeleton, options.seed);
   scene.traits = surfaceTraits(cache, shading);
   if (work.midpointDepth)  // what lies behind the first surface is wanted too
     for (SurfaceTraits& t : scene.traits) t.opaque = false;
-  const int bucketSize = frameBucketSize(skeleton, options.bucketSize, scene.pattern.perPixel());
+  // Few pixels get all samples that they may get.
+  const int bucketSize = frameBucketSize(
+      skeleton, options.bucketSize, work.adaptive ? 4 * work.adaptive->minSamples : scene.pattern.perPixel());
   Film film(geometry.crop, framePixelFilter(skeleton), bucketSize, rules);
   const cache::SolidForest solids(skeleton);
   scene.solids = &solids;
@@ -115,8 +127,9 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   work.order = hilbertOrder(film.tilesX(), film.tilesY());
   std::unique_ptr<FrameJournal> journal;
   if (options.resume && output && !output->firstPath().empty()) {
-    auto opened = FrameJournal::open(journalPath(output->firstPath()),
-                                     frameIdentity(skeleton, film, options, work.outputs), rules.size());
+    auto opened =
+        FrameJournal::open(journalPath(output->firstPath()),
+                           frameIdentity(skeleton, film, options, work.adaptive, work.outputs), rules.size());
     if (!opened) return opened.error();
     journal = std::move(*opened);
     for (const FilmTile& pixels : journal->takeFinished()) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "imaging/adaptive_sampling.h"
 #include "imaging/film.h"
 #include "oracle/ray_oracle.h"
 #include "scene_cache/cache.h"
@@ -19,9 +20,11 @@
 namespace fr {
 
 struct RenderOptions {
-  int threads = 0;            // 0: one per core
-  int bucketSize = 0;         // pixels a side; 0: Option "limits" "bucketsize", else 32
-  uint32_t seed = 0;          // of sample positions and shaders
+  int threads = 0;     // 0: one per core
+  int bucketSize = 0;  // pixels a side; 0: Option "limits" "bucketsize", else 32
+  uint32_t seed = 0;   // of sample positions and shaders
+  /// Empty: PixelSamples, or what the RIB's PixelVariance asks for.
+  std::optional<AdaptiveSampling> adaptive;
   bool writeDisplays = true;  // false: only `pixels` gets the image
   /// Keeps finished pixels beside the first display's picture while it is rendered, and goes on where an
   /// earlier run with the same scene was stopped or killed. Shaders and textures must not have changed.
@@ -36,6 +39,8 @@ struct RenderOptions {
 /// Sums over all threads; seconds are thread seconds except wallSeconds.
 struct FrameStatistics {
   uint64_t buckets = 0, samples = 0;
+  uint64_t pixels = 0, fewestSamples = 0, mostSamples = 0;  // a pixel
+  PixelErrors errors;                                       // adaptive sampling alone
   uint64_t rootPatches = 0, rootPatchesCulled = 0;
   uint64_t nodesCulledOutside = 0, nodesCulledBucket = 0, nodesCulledHidden = 0, nodesSplit = 0,
            nodesLost = 0;

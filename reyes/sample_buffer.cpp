@@ -5,9 +5,11 @@
 
 namespace fr::reyes {
 
-void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, float farKey) {
+void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, float farKey,
+                         const SampleRound& round) {
   rect_ = rect;
-  perPixel_ = pattern.perPixel();
+  perPixel_ = round.count > 0 ? round.count : pattern.perPixel();
+  firstOfPixel_ = size_t(round.first);
   const int used = rect.width() * perPixel_;
   rowStride_ = (used + kRunPadding - 1) / kRunPadding * kRunPadding + kRunPadding;
   const size_t n = size_t(rowStride_) * size_t(rect.height()) + kRunPadding;
@@ -18,11 +20,12 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
     for (int column = 0; column < rect.width(); ++column) {
       const size_t first = index(column, row);
       const SamplePattern::Offset* offset =
-          pattern.offsets().data() + pattern.first(rect.x0 + column, rect.y0 + row);
+          pattern.offsets().data() + pattern.first(rect.x0 + column, rect.y0 + row) + firstOfPixel_;
+      const bool wanted = !round.wanted || round.wanted[row * rect.width() + column];
       for (size_t i = first; i < first + size_t(perPixel_); ++i, ++offset) {
         x[i] = column * kSubpixels + offset->x;
         y[i] = row * kSubpixels + offset->y;
-        depth[i] = farKey;
+        if (wanted) depth[i] = farKey;
       }
       if (column + 1 == rect.width())
         for (size_t i = first + size_t(perPixel_); i < size_t(row + 1) * size_t(rowStride_); ++i)
@@ -33,7 +36,7 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
   blocksX_ = (rect.width() + kBlock - 1) / kBlock;
   blocksY_ = (rect.height() + kBlock - 1) / kBlock;
   blockDepth_.assign(size_t(blocksX_ * blocksY_), farKey);
-  blockStale_.assign(size_t(blocksX_ * blocksY_), 0);
+  blockStale_.assign(size_t(blocksX_ * blocksY_), round.wanted != nullptr);
 }
 
 void SampleBuffer::limit(const SamplePattern& pattern, const SightLines& lines, const RasterSpace& space) {
@@ -42,7 +45,8 @@ void SampleBuffer::limit(const SamplePattern& pattern, const SightLines& lines, 
   start_.assign(size(), -kInfinity);
   for (int row = 0; row < rect_.height(); ++row)
     for (int column = 0; column < rect_.width(); ++column) {
-      const size_t inPattern = pattern.first(rect_.x0 + column, rect_.y0 + row), first = index(column, row);
+      const size_t inPattern = pattern.first(rect_.x0 + column, rect_.y0 + row) + firstOfPixel_,
+                   first = index(column, row);
       for (size_t k = 0; k < size_t(perPixel_); ++k) {
         const size_t i = first + k;
         const auto blur = pattern.blurs().empty() ? SamplePattern::Blur{} : pattern.blurs()[inPattern + k];
@@ -64,7 +68,8 @@ void SampleBuffer::limit(const SamplePattern& pattern, const SightLines& lines, 
 float SampleBuffer::chance(size_t sample, const SamplePattern& pattern) const {
   const auto row = int(sample / size_t(rowStride_)), inRow = int(sample % size_t(rowStride_));
   const int column = inRow / perPixel_;
-  return pattern.chance(pattern.first(rect_.x0 + column, rect_.y0 + row) + size_t(inRow % perPixel_));
+  return pattern.chance(pattern.first(rect_.x0 + column, rect_.y0 + row) + firstOfPixel_ +
+                        size_t(inRow % perPixel_));
 }
 
 void SampleBuffer::resetBlur(const SamplePattern& pattern) {
@@ -78,7 +83,7 @@ void SampleBuffer::resetBlur(const SamplePattern& pattern) {
   for (int row = 0; row < rect_.height(); ++row)
     for (int column = 0; column < rect_.width(); ++column) {
       const SamplePattern::Blur* blur =
-          pattern.blurs().data() + pattern.first(rect_.x0 + column, rect_.y0 + row);
+          pattern.blurs().data() + pattern.first(rect_.x0 + column, rect_.y0 + row) + firstOfPixel_;
       size_t i = index(column, row);
       for (size_t slot = 0; slot < size_t(perPixel_); ++slot, ++i, ++blur) {
         time[i] = blur->time, lensX[i] = blur->lensX, lensY[i] = blur->lensY;

@@ -28,11 +28,18 @@ inline constexpr uint32_t kNothing = 0xffffffffu;
 /// Samples between rows and at the end that kernels may touch.
 inline constexpr int kRunPadding = 16;
 
+/// Which of the pattern's samples a tile is hidden for.
+struct SampleRound {
+  int first = 0, count = 0;         // of each pixel; count 0: all
+  const uint8_t* wanted = nullptr;  // by pixel of the tile; nullptr: every pixel
+};
+
 class SampleBuffer {
  public:
   /// Places the samples of `rect` by the pixels' raster positions, so tiles do not matter. All see nothing,
-  /// at depth `farKey`.
-  void reset(const PixelRect& rect, const SamplePattern& pattern, float farKey);
+  /// at depth `farKey`; samples that are not wanted are those that nothing can hit.
+  void reset(const PixelRect& rect, const SamplePattern& pattern, float farKey,
+             const SampleRound& round = {});
 
   /// After reset(): samples see only what is at the depths that clipping planes leave on their lines of
   /// sight.
@@ -75,6 +82,7 @@ class SampleBuffer {
   std::vector<SlotRange> slots_;
   std::vector<uint32_t> candidates_;
   PixelRect rect_;
+  size_t firstOfPixel_ = 0;  // of the pattern's
   int perPixel_ = 0, rowStride_ = 0, blocksX_ = 0, blocksY_ = 0;
   std::vector<float> blockDepth_;  // farthest depth in the block
   std::vector<uint8_t> blockStale_;

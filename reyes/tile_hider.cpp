@@ -93,11 +93,11 @@ void TileHider::consider(cache::NodeId node, TileView& view) {
     heap_.push_back({b.key, node}), std::push_heap(heap_.begin(), heap_.end());
 }
 
-void TileHider::hide(int tile, const PixelRect& rect, TileView& view) {
+void TileHider::hide(int tile, const PixelRect& rect, TileView& view, const SampleRound& round) {
   const auto start = Clock::now();
   resolving_ = 0;
   view.tile = tile;
-  view.samples.reset(rect, scene_.pattern, scene_.space.open().farKey());
+  view.samples.reset(rect, scene_.pattern, scene_.space.open().farKey(), round);
   if (scene_.lines.hasPlanes()) view.samples.limit(scene_.pattern, scene_.lines, scene_.space.open());
   view.grids.clear(), view.ranks.clear(), view.fragments.clear(), view.firstFragment.clear();
   heap_.clear();

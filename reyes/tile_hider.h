@@ -46,8 +46,8 @@ class TileHider {
  public:
   explicit TileHider(const FrameScene& scene)
       : scene_(scene), rasterise_(rasterFunction()), drawBlurred_(blurFunction()), solids_(*scene.solids) {}
-  /// Fills `view` for the pixels `rect`, and marks the grids whose colours are needed.
-  void hide(int tile, const PixelRect& rect, TileView& view);
+  /// Fills `view` for the samples of pixels `rect`, and marks the grids whose colours are needed.
+  void hide(int tile, const PixelRect& rect, TileView& view, const SampleRound& round = {});
   const HiderStatistics& statistics() const { return statistics_; }
 
  private:

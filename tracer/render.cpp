@@ -19,29 +19,6 @@
 namespace fr::tracer {
 namespace {
 
-constexpr int kMostAdaptiveSamples = 4096;
-
-/// The RIB asks for adaptive sampling by a PixelVariance together with the numbers of samples.
-std::optional<AdaptiveSampling> adaptiveOf(const cache::Skeleton& skeleton,
-                                           const TraceRenderOptions& options) {
-  std::optional<AdaptiveSampling> a = options.adaptive;
-  const cache::OptionsRecord& o = skeleton.options();
-  if (!a && o.pixelVariance > 0 && skeleton.find(o.options, "render:maxsamples")) {
-    a.emplace();
-    a->variance = o.pixelVariance;
-    const auto samples = [&](const char* name, int otherwise) {
-      return int(std::clamp(frameFloatOption(skeleton, o.options, name, float(otherwise)), 1.0f,
-                            float(kMostAdaptiveSamples)));
-    };
-    a->minSamples = samples("render:minsamples", a->minSamples);
-    a->maxSamples = samples("render:maxsamples", a->maxSamples);
-  }
-  if (!a) return a;
-  a->minSamples = std::clamp(a->minSamples, 1, kMostAdaptiveSamples);
-  a->maxSamples = std::clamp(a->maxSamples, a->minSamples, kMostAdaptiveSamples);
-  return a;
-}
-
 std::vector<CameraSurface> cameraSurfaces(const cache::SceneCache& cache, const ShadingSystem& shading) {
   std::vector<CameraSurface> all;
   const auto attributes = cache.skeleton().attributes();
@@ -126,6 +103,7 @@ TraceRenderStatistics& TraceRenderStatistics::operator+=(const TraceRenderStatis
   mostSamples = std::max(mostSamples, o.mostSamples);
   tiles += o.tiles, samples += o.samples, cameraRays += o.cameraRays, hits += o.hits;
   shadeBatches += o.shadeBatches, raysAsked += o.raysAsked, pixels += o.pixels;
+  errors += o.errors;
   tracer += o.tracer;
   traceSeconds += o.traceSeconds, shadeSeconds += o.shadeSeconds, answerSeconds += o.answerSeconds;
   filterAndWriteSeconds += o.filterAndWriteSeconds, wallSeconds += o.wallSeconds;
@@ -159,11 +137,12 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   trace.camera = CameraRays(camera, frameCameraKeys(skeleton), frameLens(skeleton));
   if (const Ray r = trace.camera.ray(0, 0); !isFinite(r.direction) || !isFinite(r.origin))
     return makeError(RiError::kMath, "the camera's transformation or projection cannot be inverted");
-  trace.adaptive = adaptiveOf(skeleton, options);
-  trace.pattern = trace.adaptive
-                      ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed,
-                                      {frameMoves(skeleton), frameLens(skeleton).radius > 0, false})
-                      : frameSamplePattern(skeleton, options.seed);
+  trace.adaptive = frameAdaptiveSampling(skeleton, options.adaptive);
+  trace.pattern =
+      trace.adaptive
+          ? SamplePattern(trace.adaptive->maxSamples, 1, true, options.seed,
+                          {frameMoves(skeleton), frameLens(skeleton).radius > 0, trace.adaptive->minSamples})
+          : frameSamplePattern(skeleton, options.seed);
   trace.surfaces = cameraSurfaces(cache, shading);
   trace.midpointDepth = frameDepthFilter(skeleton).midpoint;
   if (trace.midpointDepth)  // what lies behind the first surface is wanted too

@@ -11,19 +11,13 @@
 #include <optional>
 
 #include "base/error.h"
+#include "imaging/adaptive_sampling.h"
 #include "imaging/film.h"
 #include "scene_cache/cache.h"
 #include "shading/shading_system.h"
 #include "tracer/ray_tracer.h"
 
 namespace fr::tracer {
-
-/// Samples are added to a pixel until the estimated variance of its mean (the largest of colour and alpha,
-/// colours cut at 1) is no more than `variance`. Sample numbers are powers of two times minSamples.
-struct AdaptiveSampling {
-  float variance = 0.01f;
-  int minSamples = 4, maxSamples = 64;
-};
 
 struct TraceRenderOptions {
   int threads = 0;   // 0: one per core
@@ -47,6 +41,7 @@ struct TraceRenderOptions {
 struct TraceRenderStatistics {
   uint64_t tiles = 0, samples = 0, cameraRays = 0, hits = 0, shadeBatches = 0, raysAsked = 0;
   uint64_t pixels = 0, fewestSamples = 0, mostSamples = 0;  // a pixel
+  PixelErrors errors;                                       // adaptive sampling alone
   TracerStatistics tracer;
   double traceSeconds = 0, shadeSeconds = 0, answerSeconds = 0, filterAndWriteSeconds = 0, wallSeconds = 0;
 

@@ -74,32 +74,27 @@ void TileTracer::trace(const PixelRect& rect, TracedTile& out) {
     }
     flush(out);
     if (want >= stride_) break;
-    std::erase_if(noisy, [&](uint32_t p) { return pixelVariance(p, want, out) <= a.variance; });
+    std::erase_if(noisy, [&](uint32_t p) { return pixelNoise(p, want, out).variance() <= a.variance; });
   }
   const auto [fewest, most] = std::minmax_element(out.counts.begin(), out.counts.end());
   const bool first = statistics_.tiles == 1;
   statistics_.fewestSamples =
       first ? uint64_t(*fewest) : std::min(statistics_.fewestSamples, uint64_t(*fewest));
   statistics_.mostSamples = std::max(statistics_.mostSamples, uint64_t(*most));
+  for (uint32_t p = 0; p < pixels; ++p) statistics_.errors.add(pixelNoise(p, uint32_t(out.counts[p]), out));
   compact(out);
 }
 
-/// Estimated variance of the mean of a pixel's samples: the largest of colour and alpha. What is brighter
-/// than white counts as white: its differences are not seen.
-float TileTracer::pixelVariance(uint32_t pixel, uint32_t samples, const TracedTile& out) const {
-  if (samples < 2) return kInfinity;
-  float largest = 0;
-  for (size_t c = 0; c < size_t(kDepthChannel); ++c) {
-    const float* v = out.channels[c].data() + size_t(pixel) * stride_;
-    float mean = 0, squares = 0;  // Welford's update: no cancellation
-    for (uint32_t i = 0; i < samples; ++i) {
-      const float x = std::clamp(v[i], 0.0f, 1.0f), off = x - mean;
-      mean += off / float(i + 1);
-      squares += off * (x - mean);
-    }
-    largest = std::max(largest, squares / float((samples - 1) * samples));
+PixelNoise TileTracer::pixelNoise(uint32_t pixel, uint32_t samples, const TracedTile& out) const {
+  PixelNoise noise;
+  for (uint32_t i = 0; i < samples; ++i) {
+    if (i == (samples + 1) / 2) noise.mark();
+    float value[PixelNoise::kChannels];
+    for (size_t c = 0; c < PixelNoise::kChannels; ++c)
+      value[c] = out.channels[c][size_t(pixel) * stride_ + i];
+    noise.add(value);
   }
-  return largest;
+  return noise;
 }
 
 /// Closes the gaps behind pixels that have fewer samples than there is room for.

@@ -71,7 +71,7 @@ class TileTracer {
   bool isCovered(const Path& path) const;
   void hideBehind(Path& path, const CameraSurface& surface, const Color& color, const Color& opacity);
   void shade(size_t first, size_t end, TracedTile& out);
-  float pixelVariance(uint32_t pixel, uint32_t samples, const TracedTile& out) const;
+  PixelNoise pixelNoise(uint32_t pixel, uint32_t samples, const TracedTile& out) const;
   void compact(TracedTile& out);
 
   const FrameTrace& frame_;

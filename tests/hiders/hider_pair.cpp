@@ -71,12 +71,19 @@ ShadingSystem::Options shadingOptions(const ShaderFolder& folder, bool tracerSid
   return o;
 }
 
-/// Loads the scene, and calls render(cache, folder) with messages counting as failures.
+/// Loads the scene, and calls render(cache, folder). Messages count as failures unless they are wanted.
 template <class F>
-void withScene(const std::string& rib, const std::map<std::string, std::string>& shaders, F&& render) {
+void withScene(const std::string& rib, const std::map<std::string, std::string>& shaders,
+               std::vector<Error>* wanted, F&& render) {
   const ShaderFolder folder(shaders);
   cache::DiceScene scene(rib);
-  for (const Error& e : scene.reports) ADD_FAILURE() << e.str();
+  const auto tell = [wanted](const Error& e) {
+    if (wanted)
+      wanted->push_back(e);
+    else
+      ADD_FAILURE() << e.str();
+  };
+  for (const Error& e : scene.reports) tell(e);
   if (!scene.cache) return;
   std::mutex mutex;
   std::vector<Error> reports;
@@ -87,12 +94,16 @@ void withScene(const std::string& rib, const std::map<std::string, std::string>&
   render(*scene.cache, folder);
   scene.cache->setDisplacer(nullptr);
   setReportSink({});
-  for (const Error& e : reports) ADD_FAILURE() << e.str();
+  for (const Error& e : reports) tell(e);
 }
 
-Channels renderByReyes(const std::string& rib, const std::map<std::string, std::string>& shaders) {
+}  // namespace
+
+Channels renderByReyes(const std::string& rib, const std::map<std::string, std::string>& shaders,
+                       const RenderOptions& options, std::vector<Error>* reports,
+                       FrameStatistics* statistics) {
   Channels image;
-  withScene(rib, shaders, [&](cache::SceneCache& cache, const ShaderFolder& folder) {
+  withScene(rib, shaders, reports, [&](cache::SceneCache& cache, const ShaderFolder& folder) {
     ShadingSystem shading(cache, shadingOptions(folder, false));
     shading.loadShaders(cache::kForReyes);
     cache.setDisplacer(&shading.displacer());
@@ -102,21 +113,22 @@ Channels renderByReyes(const std::string& rib, const std::map<std::string, std::
     oracleOptions.scene.patchMultiplier = 1;  // as the other hider traces
     tracer::InprocOracleService oracle(cache, hitShading, oracleOptions);
     Collector collect(cache.skeleton().camera(), image);
-    RenderOptions o;
+    RenderOptions o = options;
     o.writeDisplays = false;
     o.pixels = std::ref(collect);
     const auto done = renderFrame(cache, shading, &oracle, o);
-    EXPECT_TRUE(done.ok()) << done.error().str();
+    EXPECT_TRUE(done.ok() || reports) << done.error().str();
+    if (done.ok() && statistics) *statistics = *done;
+    if (!done.ok() && reports) reports->push_back(done.error());
   });
   return image;
 }
 
-}  // namespace
-
 Channels renderByRays(const std::string& rib, const std::map<std::string, std::string>& shaders,
-                      const tracer::TraceRenderOptions& options, tracer::TraceRenderStatistics* statistics) {
+                      const tracer::TraceRenderOptions& options, tracer::TraceRenderStatistics* statistics,
+                      std::vector<Error>* reports) {
   Channels image;
-  withScene(rib, shaders, [&](cache::SceneCache& cache, const ShaderFolder& folder) {
+  withScene(rib, shaders, reports, [&](cache::SceneCache& cache, const ShaderFolder& folder) {
     ShadingSystem shading(cache, shadingOptions(folder, false));
     shading.loadShaders(cache::kForTracer);
     cache.setDisplacer(&shading.displacer());
@@ -125,14 +137,16 @@ Channels renderByRays(const std::string& rib, const std::map<std::string, std::s
     o.writeDisplays = false;
     o.pixels = std::ref(collect);
     const auto done = tracer::renderFrame(cache, shading, o);
-    EXPECT_TRUE(done.ok()) << done.error().str();
+    EXPECT_TRUE(done.ok() || reports) << done.error().str();
     if (done.ok() && statistics) *statistics = *done;
+    if (!done.ok() && reports) reports->push_back(done.error());
   });
   return image;
 }
 
-HiderPair renderBoth(const std::string& rib, const std::map<std::string, std::string>& shaders) {
-  return {renderByReyes(rib, shaders), renderByRays(rib, shaders)};
+HiderPair renderBoth(const std::string& rib, const std::map<std::string, std::string>& shaders,
+                     std::vector<Error>* reports) {
+  return {renderByReyes(rib, shaders, {}, reports), renderByRays(rib, shaders, {}, nullptr, reports)};
 }
 
 Difference compare(const HiderPair& pair, double depthTolerance) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "imaging/film.h"
+#include "reyes/renderer.h"
 #include "tracer/render.h"
 
 namespace fr::test {
@@ -22,14 +23,18 @@ struct HiderPair {
   Channels reyes, rays;
 };
 
-/// The scene by rays alone; `options` but for its callbacks and displays.
+/// The scene by one hider; `options` but for its callbacks and displays. Messages of any kind, and frames
+/// that cannot be made, fail the test, unless `reports` wants them. `shaders`: RSL source by name, beside the
+/// standard ones.
+Channels renderByReyes(const std::string& rib, const std::map<std::string, std::string>& shaders = {},
+                       const RenderOptions& options = {}, std::vector<Error>* reports = nullptr,
+                       FrameStatistics* statistics = nullptr);
 Channels renderByRays(const std::string& rib, const std::map<std::string, std::string>& shaders = {},
                       const tracer::TraceRenderOptions& options = {},
-                      tracer::TraceRenderStatistics* statistics = nullptr);
-
-/// Renders RIB text without writing displays. `shaders`: RSL source by name, beside the standard ones.
-/// Reports of any kind fail the test.
-HiderPair renderBoth(const std::string& rib, const std::map<std::string, std::string>& shaders = {});
+                      tracer::TraceRenderStatistics* statistics = nullptr,
+                      std::vector<Error>* reports = nullptr);
+HiderPair renderBoth(const std::string& rib, const std::map<std::string, std::string>& shaders = {},
+                     std::vector<Error>* reports = nullptr);
 
 /// How the pixels of two pictures differ.
 struct Difference {

@@ -173,7 +173,7 @@ TEST(TraceRender, CropsAbut) {
 TEST(TraceRender, AdaptiveSamplingSpendsSamplesWhereThePictureChanges) {
   const std::string rib = scene("Surface \"constant\" Sphere 1 -1 1 360\n");
   tracer::TraceRenderOptions o;
-  o.adaptive = tracer::AdaptiveSampling{0.0002f, 4, 256};
+  o.adaptive = AdaptiveSampling{0.0002f, 4, 256};
   tracer::TraceRenderStatistics s;
   const Channels c = renderByRays(rib, {}, o, &s);
   EXPECT_EQ(s.fewestSamples, 4u);
@@ -183,7 +183,7 @@ TEST(TraceRender, AdaptiveSamplingSpendsSamplesWhereThePictureChanges) {
   const double radius = kFocal * std::tan(std::asin(1.0 / 5)), area = std::numbers::pi * radius * radius;
   EXPECT_NEAR(sum(c, 3), area, 4 * 0.0142 * std::sqrt(170.0) + 0.01 * 2 * std::numbers::pi * radius);
   // With no variance asked for, every pixel gets all samples: the plain picture.
-  o.adaptive = tracer::AdaptiveSampling{0.0f, 16, 16};
+  o.adaptive = AdaptiveSampling{0.0f, 16, 16};
   EXPECT_EQ(renderByRays(rib, {}, o).values, renderByRays(rib).values);
 }
 

@@ -48,7 +48,8 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   bool shm = false, noProgress = false;
   std::vector<int> resolution, frames;
   std::vector<double> crop, samples;
-  double shadingRate = 0;
+  double shadingRate = 0, error = 0;
+  std::vector<double> variance;
   std::string output;
   std::vector<std::string> common;
 
@@ -72,6 +73,20 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
       ->expected(2)
       ->type_name("X Y")
       ->check(CLI::Range(1.0, 64.0));
+  auto* errorOption =
+      app.add_option(
+             "--error", error,
+             "Adaptive sampling: 8 samples a pixel, then more, up to 1024, until each pixel's estimated\n"
+             "error is at most this. Tells what error the picture has")
+          ->type_name("E")
+          ->check(CLI::Range(1e-6, 1.0));
+  app.add_option(
+         "--var", variance,
+         "Adaptive sampling: MIN samples a pixel, then more, up to MAX, until the estimated variance of\n"
+         "the pixel is at most V (as PixelVariance with Option \"render\" \"minsamples\" \"maxsamples\")")
+      ->expected(3)
+      ->type_name("V MIN MAX")
+      ->excludes(errorOption);
   app.add_option("--shading-rate", shadingRate, "Micropolygon area in pixels, instead of ShadingRate")
       ->check(CLI::PositiveNumber);
   app.add_option("--frames", frames, "First and last frame to render")->expected(2)->type_name("A B");
@@ -137,6 +152,15 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
     }
     o.crop = {crop[0], crop[1], crop[2], crop[3]};
   }
+  if (error > 0) c.adaptive = AdaptiveSampling::toError(error);
+  if (!variance.empty()) {
+    if (!(variance[0] >= 0 && variance[1] >= 1 && variance[1] <= variance[2] && variance[2] <= 4096)) {
+      std::fputs("frankenrender: --var wants 0 <= V and 1 <= MIN <= MAX <= 4096\n", stderr);
+      return {std::nullopt, 2};
+    }
+    c.adaptive = AdaptiveSampling{float(variance[0]), int(variance[1]), int(variance[2])};
+  }
+  c.tellError = error > 0;
   if (!samples.empty()) o.pixelSamples = {samples[0], samples[1]};
   if (shadingRate > 0) o.shadingRate = float(shadingRate);
   if (!frames.empty()) c.load.frames = {frames[0], frames[1]};

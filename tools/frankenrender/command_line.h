@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "imaging/adaptive_sampling.h"
 #include "scene_cache/scene_loader.h"
 
 namespace fr::tools {
@@ -16,6 +17,8 @@ struct CommandLine {
   bool pipe = false;
   std::vector<std::string> words;  // as typed, without the program: a ray server of --pipe gets the same
   int threads = 0;                 // 0: all cores
+  std::optional<AdaptiveSampling> adaptive;
+  bool tellError = false;  // that adaptive sampling reached
   bool progress = false;
   bool stats = false;
   bool resume = false;

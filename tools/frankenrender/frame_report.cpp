@@ -69,6 +69,10 @@ std::string FrameReport::text(int frameNumber) const {
            frame.gridsShadedPeak);
   out.line("samples", "{}  ({} micropolygons tested, {} transparent fragments)", frame.samples,
            frame.micropolygonsTested, frame.fragments);
+  if (frame.errors.values > 0)
+    out.line("samples a pixel", "{:.1f}, {} to {}; estimated error (RMSE) {:.2g}",
+             double(frame.samples) / double(frame.pixels), frame.fewestSamples, frame.mostSamples,
+             frame.errors.rmse());
   if (shading.lanesTotal > 0)
     out.line("shader lanes active", "{:.1f} %",
              100.0 * double(shading.lanesActive) / double(shading.lanesTotal));

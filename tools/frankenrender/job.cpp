@@ -92,6 +92,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   RenderOptions options;
   options.threads = threads;
   options.resume = c.resume;
+  options.adaptive = c.adaptive;
   ProgressBar bar(c.progress, fmt::format("frame {}", cache.skeleton().options().frameNumber));
   options.progress = [&](double fraction) { bar.update(fraction); };
   Result<FrameStatistics> rendered = renderFrame(cache, shading, oracle, options);
@@ -114,6 +115,10 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   }
   cache.setDisplacer(nullptr);
   if (!rendered.ok()) return std::move(rendered).error();
+  if (c.tellError && rendered->pixels > 0)
+    logMessage(Severity::kInfo,
+               fmt::format("estimated error of the picture (RMSE): {:.2g}; {:.1f} samples a pixel",
+                           rendered->errors.rmse(), double(rendered->samples) / double(rendered->pixels)));
   if (rendered->oracleFailed)
     return makeError(RiError::kSystem, "the frame was finished without its ray tracer");
   return {};

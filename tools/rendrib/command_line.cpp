@@ -94,7 +94,7 @@ bool takeCrop(Parser& p, Values v) {
 
 bool takeAdaptive(Parser& p, Values v) {
   double variance = 0;
-  tracer::AdaptiveSampling a;
+  AdaptiveSampling a;
   if (!p.number(v[0], 0, 1e6, variance) || !p.number(v[1], 1, 4096, a.minSamples) ||
       !p.number(v[2], 1, 4096, a.maxSamples))
     return false;
@@ -134,6 +134,15 @@ const Option kOptions[] = {
      "adaptive sampling: min samples a pixel, then more, up to max, until the estimated variance\n"
      "of the pixel is at most v",
      takeAdaptive},
+    {"error", "e", 1, 1,
+     "adaptive sampling: 8 samples a pixel, then more, up to 1024, until each pixel's estimated error\n"
+     "is at most e",
+     [](Parser& p, Values v) {
+       double error = 0;
+       if (!p.number(v[0], 1e-6, 1, error)) return false;
+       p.c.adaptive = AdaptiveSampling::toError(error);
+       return true;
+     }},
     {"crop", "x1 x2 y1 y2", 4, 4, "part of the frame, 0 to 1, y down", takeCrop},
     {"frames", "f1 f2", 2, 2, "only frames f1 to f2",
      [](Parser& p, Values v) {

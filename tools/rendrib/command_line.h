@@ -15,7 +15,7 @@ namespace fr::tools {
 struct RendribCommandLine {
   std::vector<cache::RibInput> inputs;  // .rendribrc first; one .fsc stands alone
   cache::LoadOptions load;
-  std::optional<tracer::AdaptiveSampling> adaptive;
+  std::optional<AdaptiveSampling> adaptive;
   float patchMultiplier = 1;
   int threads = 0;  // 0: all cores
   bool safe = false, window = false, verbose = false, stats = false, silent = false, beep = false;

@@ -55,6 +55,7 @@ std::string TraceReport::text(int frameNumber) const {
   line("pixels sampled", fmt::format("{}  ({:.2f} samples each, {} to {})", frame.pixels,
                                      frame.pixels ? double(frame.samples) / double(frame.pixels) : 0.0,
                                      frame.fewestSamples, frame.mostSamples));
+  if (frame.errors.values > 0) line("estimated error (RMSE)", fmt::format("{:.2g}", frame.errors.rmse()));
   line("camera rays",
        fmt::format("{}  ({} hits shaded in {} batches)", frame.cameraRays, frame.hits, frame.shadeBatches));
   static constexpr const char* kKinds[] = {"trace", "visibility", "rayhittest", "fulltrace"};
