@@ -25,6 +25,7 @@ struct Chunk {
   uint64_t instance = 0, at = 0, end = 0;
 };
 constexpr uint64_t kChunkBytes = 128 << 10;
+constexpr uint64_t kLookEvery = 4 << 20;  // bytes of new grids between two looks of the pager
 
 /// Claims that this thread holds; while there is one it never waits.
 thread_local int claimsHeld = 0;
@@ -123,14 +124,14 @@ bool SceneCache::Impl::addRootNodes(const Skeleton& skeleton) {
   return true;
 }
 
-Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd) {
+Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd, const std::string& scratch) {
   std::unique_ptr<SceneCache> c(new SceneCache);
   Impl& d = *c->impl_;
   if (auto r = d.mapSkeleton(skeletonFd, &c->skeleton_); !r) return std::move(r).error();
-  auto nodes = SharedStore::create("fr-nodes", kNodesMagic);
+  auto nodes = SharedStore::create("fr-nodes", kNodesMagic, scratch);
   if (!nodes) return std::move(nodes).error();
   d.nodes = *std::move(nodes);
-  auto arena = SharedStore::create("fr-arena", kArenaMagic);
+  auto arena = SharedStore::create("fr-arena", kArenaMagic, scratch);
   if (!arena) return std::move(arena).error();
   d.arena = *std::move(arena);
   if (!d.addRootNodes(c->skeleton_)) {
@@ -166,6 +167,21 @@ Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool
 
 SceneCache::Segments SceneCache::segments() const {
   return {impl_->skeletonFd, impl_->nodes.fd(), impl_->arena.fd()};
+}
+
+void SceneCache::setPager(shm::Pager* pager) { impl_->pager.store(pager); }
+
+std::vector<shm::PagedRange> SceneCache::pagedRanges() const {
+  Impl& d = *impl_;
+  // The first pages of stores hold what every allocation changes.
+  const auto store = [](const SharedStore& s) {
+    return shm::PagedRange{s.base() + kStoreHeaderBytes,
+                           [&s] { return s.size() - std::min(s.size(), kStoreHeaderBytes); }, s.fd(),
+                           kStoreHeaderBytes};
+  };
+  return {store(d.arena),
+          store(d.nodes),
+          {d.skeletonMap, [&d] { return uint64_t(d.skeletonSize); }, d.skeletonFd, 0}};
 }
 
 // ---- nodes
@@ -232,6 +248,11 @@ uint64_t SceneCache::Impl::allocateGrid(uint64_t bytes) {
       return 0;
     }
     *c = {id, start, start + size};
+    if (shm::Pager* p = pager.load(std::memory_order_relaxed);
+        p && unlooked.fetch_add(size, std::memory_order_relaxed) + size >= kLookEvery) {
+      unlooked.store(0, std::memory_order_relaxed);
+      p->look();
+    }
   }
   const uint64_t r = c->at;
   c->at += bytes;

@@ -11,10 +11,13 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/error.h"
 #include "scene_cache/format.h"
+#include "shm/pager.h"
 
 namespace fr::cache {
 
@@ -144,14 +147,15 @@ class SceneCache {
   SceneCache(const SceneCache&) = delete;
   SceneCache& operator=(const SceneCache&) = delete;
 
-  /// Makes empty nodes and arena segments beside a finished skeleton (a memfd; the cache takes its own
-  /// duplicate).
-  static Result<std::unique_ptr<SceneCache>> create(int skeletonFd);
+  /// Makes empty nodes and arena segments beside a finished skeleton (the cache takes its own duplicate).
+  /// `scratch`: a folder, for scenes that may be larger than memory; empty: all is memory.
+  static Result<std::unique_ptr<SceneCache>> create(int skeletonFd, const std::string& scratch = {});
   /// Maps segments made by another process. readOnly: third-party clients; resolve() then never dices.
   static Result<std::unique_ptr<SceneCache>> attach(const Segments& fds, bool readOnly);
   /// Opens a .fsc file (validated, checksums included); grids that it lacks are diced on demand into private
   /// arena space. save() writes one: temporary name, then rename.
-  static Result<std::unique_ptr<SceneCache>> openFile(const std::string& path);
+  static Result<std::unique_ptr<SceneCache>> openFile(const std::string& path,
+                                                      const std::string& scratch = {});
   Result<void> save(const std::string& path);
   /// Opens a .fsc file to look at it: nothing is ever diced, and grids are read where they stand in the file,
   /// so it may be larger than memory. Checked: the checksums of skeleton and nodes and what they refer to;
@@ -190,6 +194,10 @@ class SceneCache {
   /// FileFooter::displacement of an opened file.
   uint64_t displacement() const;
   Segments segments() const;
+  /// What a pager may let go of, if the cache was made in a scratch folder: the three mappings.
+  std::vector<shm::PagedRange> pagedRanges() const;
+  /// Who is to look after every few megabytes of new grids; nullptr: nobody. Must outlive all dicing.
+  void setPager(shm::Pager* pager);
 
   const Skeleton& skeleton() const { return skeleton_; }
   void setDisplacer(Displacer* d) { displacer_ = d; }

@@ -12,6 +12,7 @@
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/file_layout.h"
 #include "shm/file_descriptor.h"
+#include "shm/scratch_file.h"
 
 namespace fr::cache {
 
@@ -104,10 +105,18 @@ Result<OpenedFile> openChecked(const std::string& path) {
   return o;
 }
 
-/// A memory file of `bytes`, allocated.
-Result<shm::FileDescriptor> memoryFile(const std::string& path, const char* name, uint64_t bytes) {
-  shm::FileDescriptor fd(memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING));
-  if (!fd || fchmod(fd.get(), 0600) != 0) return fileError(path, "cannot make shared memory", errno);
+/// A memory file of `bytes`, or a file in the folder `scratch` if that is not empty; allocated.
+Result<shm::FileDescriptor> memoryFile(const std::string& path, const char* name, uint64_t bytes,
+                                       const std::string& scratch) {
+  shm::FileDescriptor fd;
+  if (scratch.empty()) {
+    fd = shm::FileDescriptor(memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING));
+    if (!fd || fchmod(fd.get(), 0600) != 0) return fileError(path, "cannot make shared memory", errno);
+  } else {
+    auto made = shm::createScratchFile(scratch);
+    if (!made) return std::move(made).error();
+    fd = *std::move(made);
+  }
   if (const int e = posix_fallocate(fd.get(), 0, off_t(filePages(bytes) + kFilePage)))
     return fileError(path, "no memory for the scene cache", e);
   return fd;
@@ -130,8 +139,9 @@ Result<void> setTop(const std::string& path, int fd, uint64_t bytes) {
   return {};
 }
 
-Result<shm::FileDescriptor> nodesInMemory(const OpenedFile& file, const std::string& path) {
-  auto nodes = memoryFile(path, "fr-nodes", file.footer.nodes.bytes);
+Result<shm::FileDescriptor> nodesInMemory(const OpenedFile& file, const std::string& path,
+                                          const std::string& scratch = {}) {
+  auto nodes = memoryFile(path, "fr-nodes", file.footer.nodes.bytes, scratch);
   if (!nodes) return std::move(nodes).error();
   if (auto r = copyPart(file, path, file.footer.nodes, "patches", nodes->get(), 0); !r)
     return std::move(r).error();
@@ -165,17 +175,18 @@ Result<void> SceneCache::checkNodes(const std::string& path, bool grids) const {
   return {};
 }
 
-Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path) {
+Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path,
+                                                         const std::string& scratch) {
   auto file = openChecked(path);
   if (!file) return std::move(file).error();
   const FileFooter& f = file->footer;
-  auto skeleton = memoryFile(path, "fr-skeleton", f.skeleton.bytes);
+  auto skeleton = memoryFile(path, "fr-skeleton", f.skeleton.bytes, scratch);
   if (!skeleton) return std::move(skeleton).error();
   if (auto r = copyPart(*file, path, f.skeleton, "skeleton", skeleton->get(), 0); !r)
     return std::move(r).error();
-  auto nodes = nodesInMemory(*file, path);
+  auto nodes = nodesInMemory(*file, path, scratch);
   if (!nodes) return std::move(nodes).error();
-  auto arena = memoryFile(path, "fr-arena", kStoreHeaderBytes + f.grids.bytes);
+  auto arena = memoryFile(path, "fr-arena", kStoreHeaderBytes + f.grids.bytes, scratch);
   if (!arena) return std::move(arena).error();
   if (auto r = copyPart(*file, path, f.arenaHeader, "header", arena->get(), 0); !r)
     return std::move(r).error();

@@ -56,6 +56,8 @@ struct SceneCache::Impl {
   size_t skeletonSize = 0;
   SharedStore nodes, arena;
   bool readOnly = false;
+  std::atomic<shm::Pager*> pager{nullptr};
+  std::atomic<uint64_t> unlooked{0};  // bytes of grids since the pager was asked to look
   uint64_t id = 0;                   // of this instance within the process, for the threads' chunks
   std::unique_ptr<FileBuild> build;  // grids go to this file
   std::atomic<bool> noRoom{false};   // a grid could not be stored

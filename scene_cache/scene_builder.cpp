@@ -58,7 +58,7 @@ void SceneBuilder::onWorldBegin() {
   const bool wanted =
       !options_.frames || (number >= options_.frames->first && number <= options_.frames->second);
   if (stopped_ || failure_ || !wanted) return;
-  auto writer = SkeletonWriter::create();
+  auto writer = SkeletonWriter::create(options_.scratch);
   if (!writer) {
     failure_ = std::move(writer).error();
     return;

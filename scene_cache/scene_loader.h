@@ -70,6 +70,8 @@ struct LoadOptions {
   /// camera ray can meet are opened only if some shader of the world can. Not set: all are opened, for guests
   /// that ask about everything.
   std::function<bool(const std::string& shader, const std::vector<std::string>& folders)> asksRays;
+  /// Folder for skeletons in files whose pages need not stay in memory; empty: they are memory.
+  std::string scratch;
   /// Compute the skeletons' checksums (for files; not needed between processes).
   bool checksum = false;
 };

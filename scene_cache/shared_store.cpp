@@ -24,15 +24,17 @@ constexpr uint64_t kLeastAddresses = uint64_t(1) << 32;
 
 }  // namespace
 
-Result<SharedStore> SharedStore::create(const char* name, uint64_t magic) {
+Result<SharedStore> SharedStore::create(const char* name, uint64_t magic, const std::string& scratch) {
   SharedStore s;
   for (uint64_t size = kMostAddresses;; size /= 4) {
-    auto made = shm::Segment::createAnonymous(options(name, size), kStoreHeaderBytes);
+    auto made = scratch.empty()
+                    ? shm::Segment::createAnonymous(options(name, size), kStoreHeaderBytes)
+                    : shm::Segment::createScratch(scratch, options(name, size), kStoreHeaderBytes);
     if (made) {
       s.segment_ = *std::move(made);
       break;
     }
-    if (size <= kLeastAddresses) return std::move(made).error();
+    if (size <= kLeastAddresses || made.error().code == RiError::kNoFile) return std::move(made).error();
   }
   StoreHeader& h = s.header();
   h.version = kFormatVersion;
@@ -87,7 +89,11 @@ uint64_t SharedStore::allocate(uint64_t bytes, uint64_t align) {
   if (at(start, bytes)) return start;
   // An eighth more than needed, for speed; exactly as much when that is not to be had.
   const uint64_t end = start + bytes;
-  if (!segment_.grow(end + std::min(end / 8, uint64_t(64) << 20)) && !segment_.grow(end)) return 0;
+  if (segment_.grow(end + std::min(end / 8, uint64_t(64) << 20))) return start;
+  if (const Result<void> grown = segment_.grow(end); !grown) {
+    reportOnce("store.grow", grown.error());
+    return 0;
+  }
   return start;
 }
 

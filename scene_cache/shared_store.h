@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "base/error.h"
 #include "shm/segment.h"
@@ -30,7 +31,9 @@ static_assert(std::atomic<uint64_t>::is_always_lock_free);
 /// shrinks.
 class SharedStore {
  public:
-  static Result<SharedStore> create(const char* name, uint64_t magic);
+  /// `scratch`: a folder for a file without a name, whose pages need not stay in memory; empty: anonymous
+  /// memory.
+  static Result<SharedStore> create(const char* name, uint64_t magic, const std::string& scratch = {});
   /// Maps a store that another process made; takes its own descriptor. kBadFile, kVersion when it is none.
   static Result<SharedStore> attach(int fd, uint64_t magic, bool readOnly);
 
@@ -47,6 +50,7 @@ class SharedStore {
   std::byte* base() const { return segment_.data(); }
   int fd() const { return segment_.valid() ? segment_.descriptor() : -1; }
   uint64_t mappedBytes() const { return segment_.reserved(); }
+  uint64_t size() const { return segment_.refresh(); }
 
  private:
   std::byte* atAfterRefresh(uint64_t offset, uint64_t bytes) const;

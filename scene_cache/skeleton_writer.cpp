@@ -1,6 +1,7 @@
 #include "scene_cache/skeleton_writer.h"
 
 #include <fcntl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -45,9 +46,10 @@ constexpr uint64_t kGrowStep = uint64_t(1) << 18;
 /// Address space for one skeleton; the segment takes less where the system refuses so much.
 constexpr uint64_t kReserve = uint64_t(1) << 40;
 
-/// Gives up the mapping and forbids every later change. Returns a read-only descriptor: before Linux 6.7 a
-/// file sealed against writing could not be mapped shared through one that is open for writing.
-Result<int> seal(shm::Segment segment, uint64_t bytes) {
+/// Gives up the mapping and forbids every later change (of memory; a file in a scratch folder has no name, but
+/// also no seals). Returns a read-only descriptor: before Linux 6.7 a file sealed against writing could not be
+/// mapped shared through one that is open for writing.
+Result<int> seal(shm::Segment segment, uint64_t bytes, bool memory) {
   // Growth was rounded up generously; the file cannot shrink, but its tail need not take memory.
   if (segment.size() > bytes)
     if (auto r = segment.discard(bytes, segment.size() - bytes); !r) report(r.error());
@@ -56,6 +58,11 @@ Result<int> seal(shm::Segment segment, uint64_t bytes) {
   auto readable = segment.share(shm::Access::kReadOnly);
   if (!readable) return std::move(readable).error();
   segment = shm::Segment();  // a file with a writable mapping cannot be sealed
+  if (!memory) {
+    if (ftruncate(writable->get(), off_t(bytes)) != 0)
+      return makeError(RiError::kSystem, "cannot cut a scratch file: {}", std::strerror(errno));
+    return readable->release();
+  }
   if (fcntl(writable->get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL) != 0)
     return makeError(RiError::kSystem, "cannot seal shared memory: {}", std::strerror(errno));
   return readable->release();
@@ -64,9 +71,10 @@ Result<int> seal(shm::Segment segment, uint64_t bytes) {
 }  // namespace
 
 struct SkeletonWriter::Impl {
-  explicit Impl(shm::Segment s) : segment(std::move(s)) {}
+  Impl(shm::Segment s, bool inMemory) : segment(std::move(s)), memory(inMemory) {}
 
   shm::Segment segment;
+  bool memory;
   uint64_t end = alignUp(sizeof(SkeletonHeader), kTableAlign);
   std::optional<Error> error;
 
@@ -152,14 +160,15 @@ SkeletonWriter::SkeletonWriter(SkeletonWriter&&) noexcept = default;
 SkeletonWriter& SkeletonWriter::operator=(SkeletonWriter&&) noexcept = default;
 SkeletonWriter::~SkeletonWriter() = default;
 
-Result<SkeletonWriter> SkeletonWriter::create() {
+Result<SkeletonWriter> SkeletonWriter::create(const std::string& scratch) {
   shm::SegmentOptions options;
   options.name = "frankenrender-skeleton";
   options.reserve = kReserve;
   options.growStep = kGrowStep;
-  auto segment = shm::Segment::createAnonymous(options, kGrowStep);
+  auto segment = scratch.empty() ? shm::Segment::createAnonymous(options, kGrowStep)
+                                 : shm::Segment::createScratch(scratch, options, kGrowStep);
   if (!segment) return std::move(segment).error();
-  SkeletonWriter w(std::make_unique<Impl>(std::move(segment).value()));
+  SkeletonWriter w(std::make_unique<Impl>(std::move(segment).value(), scratch.empty()));
   w.intern("");
   if (!w.ok()) return *w.impl_->error;
   return w;
@@ -400,7 +409,7 @@ Result<int> SkeletonWriter::finish(bool withChecksum) {
   h.magic = kSkeletonMagic;
   // A reader only ever sees the sealed segment, so the order of these bytes does not matter here.
   std::memcpy(m.segment.data(), &h, sizeof(h));
-  return seal(std::move(m.segment), m.end);
+  return seal(std::move(m.segment), m.end, m.memory);
 }
 
 Slice SkeletonWriter::addParams(std::span<const ParamRecord> records) {

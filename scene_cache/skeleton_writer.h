@@ -31,8 +31,8 @@ struct TransformKeys {
 
 class SkeletonWriter {
  public:
-  /// Makes the segment. kNoMem or kSystem when the system refuses.
-  static Result<SkeletonWriter> create();
+  /// Makes the segment. kNoMem or kSystem when the system refuses. `scratch`: as SharedStore::create().
+  static Result<SkeletonWriter> create(const std::string& scratch = {});
   SkeletonWriter(SkeletonWriter&&) noexcept;
   SkeletonWriter& operator=(SkeletonWriter&&) noexcept;
   ~SkeletonWriter();

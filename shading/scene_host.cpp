@@ -24,7 +24,7 @@ float numberOption(const cache::Skeleton& s, std::string_view name, float otherw
   return otherwise;
 }
 
-TextureLibrary::Options textureOptions(const cache::Skeleton& s) {
+TextureLibrary::Options textureOptions(const cache::Skeleton& s, uint32_t mostKilobytes) {
   TextureLibrary::Options o;
   const auto add = [&](std::string_view list) {
     for (std::string& folder : ri::parseSearchPath(list, {}, {})) o.folders.push_back(std::move(folder));
@@ -33,13 +33,14 @@ TextureLibrary::Options textureOptions(const cache::Skeleton& s) {
   if (const char* standard = std::getenv("TEXTURES")) add(standard);
   const float kilobytes = numberOption(s, "limits:texturememory", float(o.memoryKilobytes));
   o.memoryKilobytes = uint32_t(std::clamp(kilobytes, 1.0f, 1e9f));
+  if (mostKilobytes > 0) o.memoryKilobytes = std::min(o.memoryKilobytes, mostKilobytes);
   return o;
 }
 
 }  // namespace
 
-SceneHost::SceneHost(const cache::Skeleton& skeleton)
-    : skeleton_(skeleton), textures_(textureOptions(skeleton)) {
+SceneHost::SceneHost(const cache::Skeleton& skeleton, uint32_t textureKilobytes)
+    : skeleton_(skeleton), textures_(textureOptions(skeleton, textureKilobytes)) {
   // One of the two stands for both.
   const float bias = numberOption(skeleton_, "shadow:bias", -1.0f);
   shadowBias_ = {numberOption(skeleton_, "shadow:bias0", bias),

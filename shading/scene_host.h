@@ -11,7 +11,8 @@ namespace fr {
 /// "current" space is camera space at shutter open. All matrices are concatenated in double, once.
 class SceneHost final : public ShaderHost {
  public:
-  explicit SceneHost(const cache::Skeleton& skeleton);
+  /// `textureKilobytes`: most for texels, 0: as the scene says.
+  explicit SceneHost(const cache::Skeleton& skeleton, uint32_t textureKilobytes = 0);
 
   const DMat4& cacheToCurrent() const { return cacheToCurrent_; }
   const DMat4& currentToCache() const { return currentToCache_; }

@@ -76,7 +76,7 @@ bool asksForOutputs(const ShaderProgram& program, const ShaderProgram& displacem
 ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
     : scene(c),
       options(std::move(o)),
-      host(c.skeleton()),
+      host(c.skeleton(), options.textureKilobytes),
       library(libraryOptions(options)),
       setups(c.skeleton().attributes().size()) {
   prmanSpecular = host.optionFloat("render:prmanspecular", 0.0f);

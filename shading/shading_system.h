@@ -130,6 +130,7 @@ class ShadingSystem {
     std::vector<std::string> shaderPath;  // searched in order, before the standard shaders
     std::string standardShaders;          // folder of the shaders that come with the program
     bool tracerSide = false;              // raylevel() > 0 everywhere
+    uint32_t textureKilobytes = 0;        // most that texels may take, whatever the scene says; 0: no matter
   };
   /// Loads nothing yet.
   ShadingSystem(cache::SceneCache& cache, Options options);

@@ -16,6 +16,7 @@
 #include <random>
 
 #include "shm/memory_info.h"
+#include "shm/scratch_file.h"
 
 namespace fr::shm {
 namespace {
@@ -230,6 +231,24 @@ Result<Segment> Segment::createAnonymous(const SegmentOptions& options, uint64_t
     return makeError(RiError::kSystem, "cannot seal shared memory '{}': {}", options.name,
                      std::strerror(errno));
   }
+  return s;
+}
+
+Result<Segment> Segment::createScratch(const std::string& folder, const SegmentOptions& options,
+                                       uint64_t bytes) {
+  Result<FileDescriptor> fd = createScratchFile(folder);
+  if (!fd) return std::move(fd).error();
+  Segment s;
+  s.state_ = std::make_unique<State>();
+  State& st = *s.state_;
+  st.fd = std::move(*fd);
+  st.options = options;
+  st.options.name = fmt::format("{} in the scratch folder {}", options.name, folder);
+  st.file = true;
+  st.writable = true;
+  if (Result<void> r = st.map(std::max(options.reserve, st.needed(bytes))); !r) return r.error();
+  s.data_ = static_cast<std::byte*>(st.reservation);
+  if (Result<void> r = s.grow(bytes); !r) return r.error();
   return s;
 }
 

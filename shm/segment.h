@@ -49,6 +49,11 @@ class Segment {
 
   /// `bytes`: size to start with, zero filled. Errors: kNoMem (no memory, limit, address space), kSystem.
   static Result<Segment> createAnonymous(const SegmentOptions& options, uint64_t bytes);
+  /// A file without a name in `folder`, whose pages the kernel can write out: for what is larger than memory.
+  /// It ends with its last process, like an anonymous segment, and nothing is sealed. Errors: kNoFile
+  /// (folder), kDiskFull, kNoMem, kSystem.
+  static Result<Segment> createScratch(const std::string& folder, const SegmentOptions& options,
+                                       uint64_t bytes);
   /// Creates "<path>.partial-...", to be renamed to `path` by finish(). Errors: kNoFile, kDiskFull, kNoMem,
   /// kSystem.
   static Result<Segment> createFile(const std::string& path, const SegmentOptions& options, uint64_t bytes);

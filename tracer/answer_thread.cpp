@@ -264,6 +264,7 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, c
   r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
   r.mask = mask;
   r.chance = chanceOf(asked);
+  r.radius = p.radius, r.spread = std::max(0.0f, p.spread);
   if (at.terms.flags & RayTerms::kHasBias)
     r.departure.nearDistance = at.terms.bias;
   else

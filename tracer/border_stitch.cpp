@@ -5,6 +5,7 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <atomic>
 #include <compare>
 
 #define XXH_INLINE_ALL
@@ -64,62 +65,66 @@ uint64_t coarseHash(const BorderedGrid& g, int edge, int segment) {
   return segmentHash(g, edge, segment << g.level, (segment + 1) << g.level);
 }
 
-/// By border, a bit for each coarse segment that is to be refined.
+/// By border, a bit for each vertex of stride 1 that is to be shown, beside those of the coarse stride.
 struct Refined {
-  uint32_t segments[4] = {};
-  bool any() const { return (segments[0] | segments[1] | segments[2] | segments[3]) != 0; }
+  uint32_t vertices[4] = {};
+  bool any() const { return (vertices[0] | vertices[1] | vertices[2] | vertices[3]) != 0; }
 };
+
+uint32_t verticesInside(int from, int to) { return (1u << to) - (2u << from); }
 
 class CellStitcher {
  public:
-  CellStitcher(const BorderedGrid& grid, uint32_t index, const Refined& refined,
-               std::vector<StitchTriangle>& out)
+  CellStitcher(const BorderedGrid& grid, uint32_t index, const Refined& refined, std::vector<StitchQuad>& out)
       : g_(grid), index_(index), refined_(refined), out_(out), step_(1 << grid.level) {}
 
   void cell(int cu, int cv) {
     count_ = 0;
     const int i = cu * step_, j = cv * step_;
-    side(cv == 0 && isRefined(kV0, cu), {i, j}, 1, 0);
-    side(cu == g_.cellsU - 1 && isRefined(kU1, cv), {i + step_, j}, 0, 1);
-    side(cv == g_.cellsV - 1 && isRefined(kV1, cu), {i + step_, j + step_}, -1, 0);
-    side(cu == 0 && isRefined(kU0, cv), {i, j + step_}, 0, -1);
-    if (count_ == 4) {
-      triangle(outline_[0], outline_[1], outline_[2]);
-      triangle(outline_[0], outline_[2], outline_[3]);
-      return;
-    }
-    // The middle vertex sees all of the outline.
+    side(cv == 0 ? refined_.vertices[kV0] : 0, i, {i, j}, 1, 0);
+    side(cu == g_.cellsU - 1 ? refined_.vertices[kU1] : 0, j, {i + step_, j}, 0, 1);
+    side(cv == g_.cellsV - 1 ? refined_.vertices[kV1] : 0, i + step_, {i + step_, j + step_}, -1, 0);
+    side(cu == 0 ? refined_.vertices[kU0] : 0, j + step_, {i, j + step_}, 0, -1);
+    if (count_ == 4) return add(outline_[0], outline_[1], outline_[2], outline_[3]);
+    // The middle vertex sees all of the outline. Two triangles that share an edge make a quadrilateral.
     const Place middle{i + step_ / 2, j + step_ / 2};
-    for (int k = 0; k < count_; ++k) triangle(middle, outline_[k], outline_[(k + 1) % count_]);
+    for (int k = 0; k < count_; k += 2) {
+      const Place &a = outline_[k], &b = outline_[k + 1], &c = outline_[(k + 2) % count_];
+      k + 1 < count_ ? add(a, b, c, middle) : add(a, outline_[0], middle, middle);
+    }
   }
 
  private:
-  bool isRefined(Edge edge, int segment) const { return (refined_.segments[edge] >> segment & 1) != 0; }
-
-  /// The vertices of a side but for its end.
-  void side(bool fine, const Place& from, int di, int dj) {
-    for (int k = 0; k < step_; k += fine ? 1 : step_) outline_[count_++] = {from.i + k * di, from.j + k * dj};
+  /// The vertices of a side but for its end: the corner, and which of those after it are `shown`. The corner
+  /// is number `first` of the border.
+  void side(uint32_t shown, int first, const Place& from, int di, int dj) {
+    for (int k = 0; k < step_; ++k)
+      if (k == 0 || (shown >> (first + (di + dj) * k) & 1))
+        outline_[count_++] = {from.i + k * di, from.j + k * dj};
   }
 
-  void triangle(const Place& a, const Place& b, const Place& c) {
-    const Position pa(vertexAt(g_, a)), pb(vertexAt(g_, b)), pc(vertexAt(g_, c));
-    if (pa == pb || pb == pc || pa == pc) return;  // collapsed
-    out_.push_back(
-        {index_, {uint8_t(a.i), uint8_t(b.i), uint8_t(c.i)}, {uint8_t(a.j), uint8_t(b.j), uint8_t(c.j)}});
+  /// Triangles abd and cdb.
+  void add(const Place& a, const Place& b, const Place& c, const Place& d) {
+    const Position pa(vertexAt(g_, a)), pb(vertexAt(g_, b)), pc(vertexAt(g_, c)), pd(vertexAt(g_, d));
+    const bool first = pa != pb && pb != pd && pa != pd, second = pc != pd && pd != pb && pc != pb;
+    if (!first && !second) return;  // collapsed
+    out_.push_back({index_,
+                    {uint8_t(a.i), uint8_t(b.i), uint8_t(c.i), uint8_t(d.i)},
+                    {uint8_t(a.j), uint8_t(b.j), uint8_t(c.j), uint8_t(d.j)}});
   }
 
   const BorderedGrid& g_;
   uint32_t index_;
   const Refined& refined_;
-  std::vector<StitchTriangle>& out_;
+  std::vector<StitchQuad>& out_;
   int step_;
   int count_ = 0;
   Place outline_[64];  // four sides of at most 16
 };
 
-void stitch(BorderedGrid& g, uint32_t index, const Refined& refined, std::vector<StitchTriangle>& out) {
-  int u0 = refined.segments[kU0] != 0, u1 = g.cellsU - (refined.segments[kU1] != 0);
-  int v0 = refined.segments[kV0] != 0, v1 = g.cellsV - (refined.segments[kV1] != 0);
+void stitch(BorderedGrid& g, uint32_t index, const Refined& refined, std::vector<StitchQuad>& out) {
+  int u0 = refined.vertices[kU0] != 0, u1 = g.cellsU - (refined.vertices[kU1] != 0);
+  int v0 = refined.vertices[kV0] != 0, v1 = g.cellsV - (refined.vertices[kV1] != 0);
   if (u0 >= u1 || v0 >= v1) u0 = u1 = v0 = v1 = 0;
   g.inner[0] = uint8_t(u0), g.inner[1] = uint8_t(u1), g.inner[2] = uint8_t(v0), g.inner[3] = uint8_t(v1);
   CellStitcher stitcher(g, index, refined, out);
@@ -130,7 +135,7 @@ void stitch(BorderedGrid& g, uint32_t index, const Refined& refined, std::vector
 
 }  // namespace
 
-std::vector<StitchTriangle> stitchBorders(std::span<BorderedGrid> grids) {
+std::vector<StitchQuad> stitchBorders(std::span<BorderedGrid> grids) {
   bool anyCoarse = false;
   std::vector<size_t> firstOf(grids.size() + 1, 0);
   for (size_t n = 0; n < grids.size(); ++n) {
@@ -165,49 +170,78 @@ std::vector<StitchTriangle> stitchBorders(std::span<BorderedGrid> grids) {
     return hash != 0 && std::binary_search(shown.begin(), shown.end(), hash);
   };
 
-  // A segment that somebody shows in pieces is refined, and so are the pieces, which may be coarse
-  // themselves.
+  // A segment that somebody shows in pieces is cut where that one cuts it; whoever shows the pieces stays as
+  // he is. (Borders are halved and halved again, so of two segments that overlap one holds the other.)
+  const auto hasPieces = [&](const BorderedGrid& g, int edge, int from, int to, uint64_t hash) {
+    for (int step = (to - from) / 2; step > 0; step /= 2)
+      for (int k = from; k < to; k += step)
+        if (const uint64_t piece = segmentHash(g, edge, k, k + step); piece != hash && isShown(piece))
+          return true;
+    return false;
+  };
+  // Returns the vertices to show inside of a segment; appends the pieces that others show.
+  const auto cut = [&](const BorderedGrid& g, int edge, int from, int to, std::vector<uint64_t>& met,
+                       auto&& self) -> uint32_t {
+    const uint64_t hash = segmentHash(g, edge, from, to);
+    if (hash == 0 || !hasPieces(g, edge, from, to, hash)) return 0;
+    const int middle = (from + to) / 2;
+    uint32_t shownVertices = 1u << middle;
+    for (const auto& [begin, end] : {std::pair(from, middle), std::pair(middle, to)}) {
+      const uint64_t half = segmentHash(g, edge, begin, end);
+      if (half != hash && isShown(half))
+        met.push_back(half);
+      else if (g.open && half != 0 && !hasPieces(g, edge, begin, end, half))
+        shownVertices |= verticesInside(begin, end);  // the other side of this half is elsewhere
+      else
+        shownVertices |= self(g, edge, begin, end, met, self);
+    }
+    return shownVertices;
+  };
   constexpr size_t kPart = 256;
   const size_t partCount = (grids.size() + kPart - 1) / kPart;
-  const auto forEachGrid = [&](size_t part, auto&& visit) {
+  const auto forEachCoarseGrid = [&](size_t part, auto&& visit) {
     for (size_t n = part * kPart; n < std::min(grids.size(), (part + 1) * kPart); ++n)
       if (grids[n].vertices && grids[n].level > 0) visit(n);
   };
-  std::vector<std::vector<uint64_t>> refinedParts(partCount);
+  std::vector<Refined> refined(grids.size());
+  std::vector<std::vector<uint64_t>> metParts(partCount);
+  std::atomic<bool> anyOpen{false};
   tbb::parallel_for(size_t(0), partCount, [&](size_t part) {
-    forEachGrid(part, [&](size_t n) {
+    forEachCoarseGrid(part, [&](size_t n) {
       const BorderedGrid& g = grids[n];
+      if (g.open) anyOpen = true;
       forEachSegment(g, [&](int edge, int k) {
-        const uint64_t hash = coarseHash(g, edge, k);
-        if (!isAlone(hash)) return;
-        bool pieces = false;
-        const int begin = k << g.level, end = (k + 1) << g.level;
-        for (int step = 1 << (g.level - 1); step > 0; step /= 2)
-          for (int from = begin; from < end; from += step)
-            if (const uint64_t piece = segmentHash(g, edge, from, from + step);
-                piece != hash && isShown(piece))
-              pieces = true, refinedParts[part].push_back(piece);
-        if (pieces) refinedParts[part].push_back(hash);
+        if (isAlone(coarseHash(g, edge, k)))
+          refined[n].vertices[edge] |= cut(g, edge, k << g.level, (k + 1) << g.level, metParts[part], cut);
       });
     });
   });
-  std::vector<uint64_t> refinedHashes;
-  for (const auto& p : refinedParts) refinedHashes.insert(refinedHashes.end(), p.begin(), p.end());
-  if (refinedHashes.empty()) return {};
-  tbb::parallel_sort(refinedHashes.begin(), refinedHashes.end());
-
-  std::vector<std::vector<StitchTriangle>> parts(partCount);
+  if (anyOpen) {
+    // What nobody here shows, whole, in pieces or as a piece, may be shown elsewhere in any way.
+    std::vector<uint64_t> met;
+    for (const auto& p : metParts) met.insert(met.end(), p.begin(), p.end());
+    tbb::parallel_sort(met.begin(), met.end());
+    tbb::parallel_for(size_t(0), partCount, [&](size_t part) {
+      forEachCoarseGrid(part, [&](size_t n) {
+        const BorderedGrid& g = grids[n];
+        if (!g.open) return;
+        forEachSegment(g, [&](int edge, int k) {
+          const uint64_t hash = coarseHash(g, edge, k);
+          const uint32_t inside = verticesInside(k << g.level, (k + 1) << g.level);
+          if (isAlone(hash) && !(refined[n].vertices[edge] & inside) &&
+              !std::binary_search(met.begin(), met.end(), hash))
+            refined[n].vertices[edge] |= inside;
+        });
+      });
+    });
+  }
+  std::vector<std::vector<StitchQuad>> parts(partCount);
   tbb::parallel_for(size_t(0), partCount, [&](size_t part) {
-    forEachGrid(part, [&](size_t n) {
-      Refined refined;
-      forEachSegment(grids[n], [&](int edge, int k) {
-        if (std::binary_search(refinedHashes.begin(), refinedHashes.end(), coarseHash(grids[n], edge, k)))
-          refined.segments[edge] |= 1u << k;
-      });
-      if (refined.any()) stitch(grids[n], uint32_t(n), refined, parts[part]);
+    forEachCoarseGrid(part, [&](size_t n) {
+      if (refined[n].any()) stitch(grids[n], uint32_t(n), refined[n], parts[part]);
     });
   });
-  std::vector<StitchTriangle> all;
+  std::vector<StitchQuad> all;
   for (const auto& p : parts) all.insert(all.end(), p.begin(), p.end());
   return all;
 }

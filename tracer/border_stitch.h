@@ -4,11 +4,11 @@
 // stride they need not: a border of 8 segments shows 4 in a grid of 8 cells, but 8 in a grid of 16 whose
 // surplus vertices were collapsed. A ray may pass between the two lines.
 //
-// So a segment of a coarse border that another grid shows in pieces is given its vertices of stride 1 back,
-// and so are the pieces where they are coarse themselves. Both sides then end on the same line, bit by bit.
-// Segments are found by their end points alone, so pieces of separate primitives close too. The row of cells
-// along such a border becomes triangles; what lies inside of these rows stays a strided grid. Most segments
-// have their equal on the other side, or nothing, and cost nothing.
+// So a segment of a coarse border that another grid shows in pieces is cut where that one has its vertices,
+// and both sides end on the same line, bit by bit. Segments are found by their end points alone, so pieces of
+// separate primitives close too. The row of cells along such a border becomes quadrilaterals of their own;
+// what lies inside of these rows stays a strided grid. Most segments have their equal on the other side, or
+// nothing, and cost nothing.
 //
 // (Triangles between the two lines alone would be fewer, but they stand on edge, and rays along them slip
 // through.)
@@ -27,18 +27,22 @@ struct BorderedGrid {
   uint8_t cellsU = 0, cellsV = 0;   // at the coarse stride
   uint8_t level = 0;                // the coarse stride is 2^level
   uint32_t kind = 0;                // only grids of one kind meet
+  /// Its neighbours may not be among the grids: segments that nobody else shows, in whatever way, get all
+  /// their vertices of stride 1.
+  bool open = false;
   uint8_t inner[4] = {};  // out: the cells [0], [1] in u, and [2], [3] in v, first and end, that stay a grid;
                           // may be none
 };
 
-/// A triangle over vertices of stride 1, wound as the grid's cells are.
-struct StitchTriangle {
+/// Two triangles over vertices of stride 1, wound as the grid's cells are: corners 0 1 3 and 2 3 1, as Embree
+/// cuts quadrilaterals. One of them may have no area.
+struct StitchQuad {
   uint32_t grid;       // index into the grids
-  uint8_t i[3], j[3];  // column and row of the corners
+  uint8_t i[4], j[4];  // column and row of the corners
 };
 
-/// Fills BorderedGrid::inner and returns the triangles around it, in the order of the grids. Runs on the
+/// Fills BorderedGrid::inner and returns the quadrilaterals around it, in the order of the grids. Runs on the
 /// calling TBB arena.
-std::vector<StitchTriangle> stitchBorders(std::span<BorderedGrid> grids);
+std::vector<StitchQuad> stitchBorders(std::span<BorderedGrid> grids);
 
 }  // namespace fr::tracer

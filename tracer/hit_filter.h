@@ -48,6 +48,7 @@ struct HitFilter {
   const Ray* ray;
   bool onlyOpaque;
   bool sawFiltered = false;
+  const TracedPart* within = nullptr;  // the cluster's tree that is being walked through
   Hit best;
 
   HitFilter(const RayScene* s, const Ray* r, bool opaque = false) : scene(s), ray(r), onlyOpaque(opaque) {
@@ -68,24 +69,27 @@ struct HitFilter {
     const RayScene::Instance* instance = nullptr;
     if (h.instID[0] != RTC_INVALID_GEOMETRY_ID)
       instance = &scene->instances_[h.instID[0] - scene->firstInstance_];
-    const RayScene::PrimitiveTable& table =
-        instance ? scene->prototypes_[instance->prototype].entryOfPrimitive : scene->entryOfPrimitive_;
-    return describe(table, t, h, c, instance) && isSeen(c) && exists(c) && take(c);
+    const RayScene::Embree& embree = *scene->embree_;
+    const TracedPart& part = within     ? *within
+                             : instance ? embree.prototypes[instance->prototype]
+                                        : embree.main;
+    return describe(part, t, h, c, instance) && isSeen(c) && exists(c) && take(c);
   }
 
-  /// False: a facet without area, or of a grid that an instance lacks. `table`: of the Embree scene that the
-  /// hit is of.
-  bool describe(const RayScene::PrimitiveTable& table, float t, const RTCHit& h, Candidate& c,
+  /// False: a facet without area, or of a grid that an instance lacks. `part`: that the hit is of.
+  bool describe(const TracedPart& part, float t, const RTCHit& h, Candidate& c,
                 const RayScene::Instance* instance = nullptr) const {
-    uint32_t entryIndex = table[h.geomID][h.primID];
+    uint32_t entryIndex = part.entryOfPrimitive[h.geomID][h.primID];
     float gridU = h.u, gridV = h.v;
-    if (entryIndex & RayScene::kStitch) {
-      const StitchTriangle& s = scene->stitches_[entryIndex & ~RayScene::kStitch];
+    if (entryIndex & TracedPart::kStitch) {
+      const StitchQuad& s = part.stitches[entryIndex & ~TracedPart::kStitch];
       entryIndex = s.grid;
       const SurfaceEntry& e = scene->entries_[entryIndex];
-      const float w = 1 - h.u - h.v;
-      gridU = (w * s.i[0] + h.u * s.i[1] + h.v * s.i[2]) / float(e.cellsU << e.level);
-      gridV = (w * s.j[0] + h.u * s.j[1] + h.v * s.j[2]) / float(e.cellsV << e.level);
+      const bool second = h.u + h.v > 1;
+      const int a = second ? 2 : 0, b = second ? 3 : 1, c2 = second ? 1 : 3;
+      const float u = second ? 1 - h.u : h.u, v = second ? 1 - h.v : h.v, w = 1 - u - v;
+      gridU = (w * s.i[a] + u * s.i[b] + v * s.i[c2]) / float(e.cellsU << e.level);
+      gridV = (w * s.j[a] + u * s.j[b] + v * s.j[c2]) / float(e.cellsV << e.level);
     } else if (const SurfaceEntry& e = scene->entries_[entryIndex]; e.stitched) {
       gridU = (e.inner[0] + h.u * float(e.inner[1] - e.inner[0])) / float(e.cellsU);
       gridV = (e.inner[2] + h.v * float(e.inner[3] - e.inner[2])) / float(e.cellsV);
@@ -155,8 +159,7 @@ struct HitFilter {
       sawFiltered |= !e.opaqueCaster;
       return e.opaqueCaster;
     }
-    // Entries are in the order of (object, patch): the lowest wins among equals.
-    if (c.distance == best.distance && std::pair(c.entry, c.cell) >= std::pair(best.entry, best.cell))
+    if (c.distance == best.distance && best.any() && !scene->isBefore(c.entry, c.cell, best.entry, best.cell))
       return false;
     best = {c.distance, c.entry, c.cell, c.u, c.v, c.normal};
     return true;
@@ -191,8 +194,7 @@ struct HitFilter {
   bool wasPassed(const SurfaceEntry& e, uint32_t entryIndex, uint32_t cell, float t, float cosine,
                  float rounding) const {
     if (t < ray->passedDistance) return true;
-    if (t == ray->passedDistance &&
-        std::pair(entryIndex, cell) <= std::pair(ray->passedEntry, ray->passedCell))
+    if (t == ray->passedDistance && !scene->isBefore(ray->passedEntry, ray->passedCell, entryIndex, cell))
       return true;
     const float step = t - ray->passedDistance;
     return e.surfaceGroup == scene->entries_[ray->passedEntry].surfaceGroup && cosine * ray->passedSide > 0 &&

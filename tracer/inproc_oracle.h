@@ -18,6 +18,7 @@ class InprocOracleService : public RayOracleService {
   ~InprocOracleService() override;
   Result<std::unique_ptr<RayOracle>> connect() override;
   TracerStatistics statistics() const { return tracer_.statistics(); }
+  uint64_t giveBack(uint64_t bytes) { return tracer_.giveBack(bytes); }
 
  private:
   RayTracer tracer_;

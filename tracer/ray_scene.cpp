@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
+#include "tracer/clusters.h"
 #include "tracer/hit_filter.h"
 #include "tracer/ray_scene_embree.h"
 
@@ -10,6 +12,24 @@ namespace fr::tracer {
 
 RayScene::RayScene() : embree_(std::make_unique<Embree>()) {}
 RayScene::~RayScene() = default;
+
+bool RayScene::isBefore(uint32_t entryA, uint32_t a, uint32_t entryB, uint32_t b) const {
+  if (entryA == entryB) return a < b;
+  const SurfaceEntry &ea = entries_[entryA], &eb = entries_[entryB];
+  if (ea.object != eb.object) return ea.object < eb.object;
+  const auto rootOf = [&](const SurfaceEntry& e) {
+    return e.node < cache_->nodeCount() ? cache_->node(e.node).root : cache::kNone;
+  };
+  const auto key = [&](const SurfaceEntry& e, uint32_t cell) {
+    return std::tuple(rootOf(e), e.v0, e.u0, cell);
+  };
+  return key(ea, a) < key(eb, b);
+}
+
+uint32_t RayScene::entryOf(cache::NodeId node) const {
+  if (node < entryOfNode_.size() && entryOfNode_[node] != cache::kNone) return entryOfNode_[node];
+  return clusters_ ? clusters_->entryOf(node) : cache::kNone;
+}
 
 namespace {
 
@@ -37,7 +57,7 @@ Hit RayScene::closest(const Ray& ray) const {
   rh.ray = embreeRay(ray);
   rh.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   rh.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(embree_->scene, &filter.rtc, &rh);
+  rtcIntersect1(embree_->main.scene, &filter.rtc, &rh);
   return filter.best;
 }
 
@@ -45,7 +65,7 @@ Obstacle RayScene::obstacle(const Ray& ray) const {
   HitFilter filter(this, &ray, true);
   RTCRay r = embreeRay(ray);
   r.mask = kOpaqueShadowRay | kFilteredShadowRay;
-  rtcOccluded1(embree_->scene, &filter.rtc, &r);
+  rtcOccluded1(embree_->main.scene, &filter.rtc, &r);
   if (r.tfar < 0) return Obstacle::kOpaque;
   return filter.sawFiltered ? Obstacle::kFiltered : Obstacle::kNone;
 }
@@ -85,20 +105,18 @@ void RayScene::stepBehind(Ray& ray, const Hit& hit) const {
   ray.passedSide = glm::dot(ray.direction, hit.normal);
 }
 
+uint64_t RayScene::giveBack(uint64_t bytes) const { return clusters_ ? clusters_->giveBack(bytes) : 0; }
+
 RaySceneStatistics RayScene::statistics() const {
   RaySceneStatistics s = statistics_;
   s.embreeBytes = uint64_t(std::max<int64_t>(0, embree_->bytes.load()));
   s.peakBytes = uint64_t(std::max<int64_t>(0, embree_->peak.load()));
   s.recordBytes = entries_.size() * sizeof(SurfaceEntry) + entryOfNode_.size() * sizeof(uint32_t);
-  const auto add = [&](const PrimitiveTable& table) {
-    for (const auto& p : table) s.recordBytes += p.size() * sizeof(uint32_t);
-  };
-  add(entryOfPrimitive_);
-  for (const SolidTree& tree : solidTrees_) add(tree.entryOfPrimitive);
-  for (const Prototype& prototype : prototypes_) add(prototype.entryOfPrimitive);
+  s.recordBytes += embree_->main.recordBytes();
+  for (const TracedPart& part : embree_->solids) s.recordBytes += part.recordBytes();
+  for (const TracedPart& part : embree_->prototypes) s.recordBytes += part.recordBytes();
   s.recordBytes += instances_.size() * sizeof(Instance);
-  for (const auto& b : embree_->descriptors) s.recordBytes += b.size() * sizeof(uint32_t);
-  s.recordBytes += stitches_.size() * sizeof(StitchTriangle);
+  if (clusters_) clusters_->count(s);
   return s;
 }
 

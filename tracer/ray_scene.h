@@ -14,7 +14,7 @@
 #include "base/error.h"
 #include "scene_cache/cache.h"
 #include "scene_cache/solids.h"
-#include "tracer/border_stitch.h"
+#include "tracer/entry_store.h"
 
 namespace fr::tracer {
 
@@ -36,6 +36,11 @@ struct RaySceneOptions {
   int threads = 0;
   /// Also holds objects that only camera rays can see.
   bool cameraRays = false;
+  /// Scenes of more micropolygons than this, as far as can be told before they are diced, are traced in
+  /// clusters (tracer/clusters.h); the others as one flat tree, but for what stands outside the picture.
+  double flatMicropolygons = 16e6;
+  /// Of a cluster.
+  double clusterMicropolygons = 256 * 1024;
 };
 
 /// One grid or meshlet as traced. Private and checked.
@@ -92,6 +97,9 @@ struct Ray {
   const uint8_t* seen = nullptr;  // by AttributeId: what the ray can hit; nullptr: everything
   float chance = 0.5f;            // of a representation in transition (AttributeRecord::thinning)
   int side = 0;                   // 1: hits front sides alone, -1: back sides
+  /// Footprint: its radius at the origin, and its growth per unit of distance. What it hides, clusters need
+  /// not show. Both 0: everything is shown as finely as its attributes say.
+  float radius = 0, spread = 0;
   // Stepping through surfaces: hits up to and including this one are behind us.
   uint32_t passedEntry = cache::kNone;
   uint32_t passedCell = 0;
@@ -115,18 +123,22 @@ struct RaySceneStatistics {
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0, geometries = 0;
   uint64_t solids = 0;
   uint64_t prototypes = 0, instances = 0;     // grids of prototypes count once
-  uint64_t stitchTriangles = 0;               // of grids whose borders no neighbour shows
+  uint64_t stitchQuads = 0;                   // of grids whose borders no neighbour shows
   uint64_t embreeBytes = 0, recordBytes = 0;  // embreeBytes: now; peakBytes: while building
   uint64_t peakBytes = 0;
+  // Of clusters, a part of the above: how many there are, and how many rays have come near; trees made and
+  // given back.
+  uint64_t clusters = 0, clustersDiced = 0, treesBuilt = 0, treesFreed = 0;
   double resolveSeconds = 0, buildSeconds = 0;
 };
 
-/// Seam: a second implementation with clusters built at first touch can stand behind the same three questions
-/// (closest, occluded, departure); nothing outside knows that there is one flat scene.
+class Clusters;
+
 class RayScene {
  public:
-  /// Resolves every patch of the objects that rays may see and builds. `opaqueCaster` says whether an object
-  /// stops shadow rays without being asked. Grids that fail validation are reported and left out.
+  /// Resolves the patches that rays may see and builds; what stands outside of the picture, and everything in
+  /// a large scene, waits in clusters until a ray comes near. `opaqueCaster` says whether an object stops
+  /// shadow rays without being asked. Grids that fail validation are reported and left out.
   static Result<std::unique_ptr<RayScene>> build(cache::SceneCache& cache,
                                                  const std::function<bool(cache::ObjectId)>& opaqueCaster,
                                                  const RaySceneOptions& options);
@@ -149,12 +161,13 @@ class RayScene {
   void stepBehind(Ray& ray, const Hit& hit) const;
 
   const SurfaceEntry& entry(uint32_t index) const { return entries_[index]; }
+  /// Grows as rays come near clusters.
   size_t entryCount() const { return entries_.size(); }
-  /// Entry of a node, or kNone.
-  uint32_t entryOf(cache::NodeId node) const {
-    return node < entryOfNode_.size() ? entryOfNode_[node] : cache::kNone;
-  }
+  /// Entry of a node, or kNone. Dices the cluster that it is in, if nobody has.
+  uint32_t entryOf(cache::NodeId node) const;
   RaySceneStatistics statistics() const;
+  /// Gives about so many bytes back, if rays can do without them for now; returns how many. Thread-safe.
+  uint64_t giveBack(uint64_t bytes) const;
 
  private:
   friend struct HitFilter;
@@ -163,40 +176,32 @@ class RayScene {
   RayScene();
 
   struct Embree;
-  using PrimitiveTable = std::vector<std::vector<uint32_t>>;
   /// A tree of solids: an Embree scene of its own, all of whose crossings a ray asks for.
   struct SolidTree {
     uint32_t mask = 0;  // RayMask: what can hit some part of it
-    PrimitiveTable entryOfPrimitive;
-  };
-  /// Grids that many instances show: an Embree scene of its own, in object space.
-  struct Prototype {
-    PrimitiveTable entryOfPrimitive;
   };
   struct Instance {
     uint32_t prototype;
     uint32_t shift;  // from an entry of the prototype to that of the instance
     Mat3 normals;    // takes products of two edges to cache space
   };
-  /// In entryOfPrimitive_: the rest is an index into stitches_.
-  static constexpr uint32_t kStitch = 0x80000000u;
+
+  /// True when cell `a` of entry `entryA` comes before the other in the order of (object, patch, place in
+  /// it): among hits at equal distance the first counts. Numbers of entries say nothing about it.
+  bool isBefore(uint32_t entryA, uint32_t a, uint32_t entryB, uint32_t b) const;
 
   std::unique_ptr<Embree> embree_;
-  /// In the order of (object, patch); those of prototypes and then of instances behind all others. The node
-  /// of what an instance lacks is kNone.
-  std::vector<SurfaceEntry> entries_;
-  PrimitiveTable entryOfPrimitive_;  // by Embree geometry id, then primitive id
+  /// The node of what an instance lacks is kNone.
+  EntryStore<SurfaceEntry> entries_;
   cache::SolidForest solids_;
   std::vector<SolidTree> solidTrees_;  // of solids_
-  std::vector<Prototype> prototypes_;
-  std::vector<Instance> instances_;  // by Embree geometry id, from firstInstance_ on
+  std::vector<Instance> instances_;    // by Embree geometry id, from firstInstance_ on
   uint32_t firstInstance_ = 0;
-  std::vector<StitchTriangle> stitches_;  // StitchTriangle::grid is the entry
-  std::vector<uint32_t> entryOfNode_;
-  std::vector<uint32_t> groupOfObject_;
-  const cache::SceneCache* cache_ = nullptr;
+  std::vector<uint32_t> entryOfNode_;  // kNone: in no flat tree
+  cache::SceneCache* cache_ = nullptr;
   bool thinned_ = false;  // some surfaces are in transition
   RaySceneStatistics statistics_;
+  std::unique_ptr<Clusters> clusters_;  // nullptr: there are none. Before embree_ is gone
 };
 
 }  // namespace fr::tracer

@@ -8,25 +8,22 @@
 #include <vector>
 
 #include "tracer/ray_scene.h"
+#include "tracer/traced_part.h"
 
 namespace fr::tracer {
 
 struct RayScene::Embree {
   RTCDevice device = nullptr;
-  RTCScene scene = nullptr;
-  std::vector<RTCScene> solids;  // by tree; nullptr: no ray can hit it
-  std::vector<RTCScene> prototypes;
-  std::vector<std::vector<uint32_t>>
-      descriptors;  // RTCGrid records or triangle indices, one buffer per geometry
+  TracedPart main;                 // has boxes of solids and clusters, and instances, too
+  std::vector<TracedPart> solids;  // by tree; without a scene: no ray can hit it
+  /// Grids that many instances show, in object space.
+  std::vector<TracedPart> prototypes;
   std::atomic<int64_t> bytes{0}, peak{0};
   RTCError error = RTC_ERROR_NONE;
   std::string message;
 
   ~Embree() {
-    if (scene) rtcReleaseScene(scene);
-    for (RTCScene s : solids)
-      if (s) rtcReleaseScene(s);
-    for (RTCScene s : prototypes) rtcReleaseScene(s);
+    main = TracedPart(), solids.clear(), prototypes.clear();
     if (device) rtcReleaseDevice(device);
   }
 };

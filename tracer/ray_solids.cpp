@@ -20,7 +20,7 @@ Scratch& scratch() {
 struct Gather {
   RTCIntersectContext rtc;
   const HitFilter* filter;
-  const std::vector<std::vector<uint32_t>>* table;
+  const TracedPart* part;
   std::vector<Candidate>* crossings;
 
   static void call(const RTCFilterFunctionNArguments* a) {
@@ -30,7 +30,7 @@ struct Gather {
     const auto* r = reinterpret_cast<const RTCRay*>(a->ray);
     const auto* h = reinterpret_cast<const RTCHit*>(a->hit);
     Candidate c;
-    if (self->filter->describe(*self->table, r->tfar, *h, c) && self->filter->exists(c))
+    if (self->filter->describe(*self->part, r->tfar, *h, c) && self->filter->exists(c))
       self->crossings->push_back(c);
   }
 };
@@ -52,7 +52,7 @@ float SolidRays::firstTaken(HitFilter& filter, uint32_t tree, uint32_t mask, flo
   Gather gather;
   rtcInitIntersectContext(&gather.rtc);
   gather.rtc.filter = &Gather::call;
-  gather.filter = &filter, gather.table = &scene.solidTrees_[tree].entryOfPrimitive;
+  gather.filter = &filter, gather.part = &scene.embree_->solids[tree];
   gather.crossings = &s.crossings;
   RTCRayHit rh;
   rh.ray.org_x = ray.origin.x, rh.ray.org_y = ray.origin.y, rh.ray.org_z = ray.origin.z;
@@ -61,11 +61,11 @@ float SolidRays::firstTaken(HitFilter& filter, uint32_t tree, uint32_t mask, flo
   rh.ray.tnear = ray.nearDistance, rh.ray.tfar = kInfinity;
   rh.ray.time = ray.time, rh.ray.mask = ~0u, rh.ray.id = 0, rh.ray.flags = 0;
   rh.hit.geomID = rh.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(scene.embree_->solids[tree], &gather.rtc, &rh);
+  rtcIntersect1(gather.part->scene, &gather.rtc, &rh);
 
-  std::sort(s.crossings.begin(), s.crossings.end(), [](const Candidate& a, const Candidate& b) {
+  std::sort(s.crossings.begin(), s.crossings.end(), [&](const Candidate& a, const Candidate& b) {
     if (a.distance != b.distance) return a.distance < b.distance;
-    return std::pair(a.entry, a.cell) < std::pair(b.entry, b.cell);
+    return scene.isBefore(a.entry, a.cell, b.entry, b.cell);
   });
   for (uint32_t i = 0; i < s.crossings.size(); ++i) {
     const Candidate& c = s.crossings[i];
@@ -98,7 +98,7 @@ float SolidRays::firstTaken(HitFilter& filter, uint32_t tree, uint32_t mask, flo
 void SolidRays::bounds(const RTCBoundsFunctionArguments* a) {
   const auto& scene = *static_cast<const RayScene*>(a->geometryUserPtr);
   Box3f box = scene.solids_.bound(a->primID);
-  if (!scene.embree_->solids[a->primID] || box.empty()) {
+  if (!scene.embree_->solids[a->primID].scene || box.empty()) {
     // Embree leaves out what is not finite.
     a->bounds_o->lower_x = a->bounds_o->lower_y = a->bounds_o->lower_z = kInfinity;
     a->bounds_o->upper_x = a->bounds_o->upper_y = a->bounds_o->upper_z = -kInfinity;
@@ -141,9 +141,9 @@ void SolidRays::attach(RayScene& scene) {
   for (const RayScene::SolidTree& tree : scene.solidTrees_) mask |= tree.mask;
   rtcSetGeometryMask(g, mask);
   rtcCommitGeometry(g);
-  rtcAttachGeometry(scene.embree_->scene, g);
+  rtcAttachGeometry(scene.embree_->main.scene, g);
   rtcReleaseGeometry(g);
-  scene.entryOfPrimitive_.emplace_back();  // its number in the scene is taken
+  scene.embree_->main.entryOfPrimitive.emplace_back();  // its number in the scene is taken
 }
 
 }  // namespace fr::tracer

@@ -32,6 +32,8 @@ bool alwaysOpaque(const SceneCache& cache, const ShadingSystem& shading, ObjectI
 TracerStatistics& TracerStatistics::operator+=(const TracerStatistics& o) {
   for (int k = 0; k < 4; ++k) rays[k] += o.rays[k], nestedRays[k] += o.nestedRays[k];
   intersections += o.intersections, rejected += o.rejected, hitsShaded += o.hitsShaded, batches += o.batches;
+  clusters += o.clusters, clustersDiced += o.clustersDiced;
+  treesBuilt += o.treesBuilt, treesFreed += o.treesFreed;
   grids += o.grids, meshlets += o.meshlets, quads += o.quads, triangles += o.triangles;
   embreeBytes += o.embreeBytes, embreePeakBytes += o.embreePeakBytes, recordBytes += o.recordBytes;
   gridsDiced += o.gridsDiced, micropolygonsDiced += o.micropolygonsDiced;
@@ -74,6 +76,8 @@ TracerStatistics RayTracer::statistics() const {
   if (const RayScene* built = scene()) {
     const RaySceneStatistics r = built->statistics();
     s.grids = r.grids, s.meshlets = r.meshlets, s.quads = r.quads, s.triangles = r.triangles;
+    s.clusters = r.clusters, s.clustersDiced = r.clustersDiced;
+    s.treesBuilt = r.treesBuilt, s.treesFreed = r.treesFreed;
     s.embreeBytes = r.embreeBytes, s.embreePeakBytes = r.peakBytes, s.recordBytes = r.recordBytes;
     s.resolveSeconds = r.resolveSeconds, s.buildSeconds = r.buildSeconds;
   }

@@ -40,6 +40,7 @@ struct TracerStatistics {
   uint64_t hitsShaded = 0;
   uint64_t batches = 0;
   uint64_t grids = 0, meshlets = 0, quads = 0, triangles = 0;
+  uint64_t clusters = 0, clustersDiced = 0, treesBuilt = 0, treesFreed = 0;
   uint64_t embreeBytes = 0, embreePeakBytes = 0, recordBytes = 0;
   uint64_t gridsDiced = 0, micropolygonsDiced = 0;
   uint64_t pointsShaded = 0, shadersLoaded = 0;
@@ -59,6 +60,13 @@ class RayTracer {
   Result<void> prepare();
   /// The scene, or nullptr before prepare() or after its failure.
   const RayScene* scene() const { return ready_.load(std::memory_order_acquire); }
+
+  /// Gives about so many bytes of acceleration structures back, if there are some that rays can do without
+  /// for now; returns how many. Thread-safe.
+  uint64_t giveBack(uint64_t bytes) {
+    const RayScene* s = scene();
+    return s ? s->giveBack(bytes) : 0;
+  }
 
   cache::SceneCache& cache() const { return cache_; }
   ShadingSystem& shading() const { return shading_; }

@@ -131,6 +131,13 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   RayTracerOptions tracerOptions;
   tracerOptions.scene = {options.patchMultiplier, threads, true};
   RayTracer tracer(cache, shading, tracerOptions);
+  struct Announced {
+    const TraceRenderOptions& options;
+    ~Announced() {
+      if (options.onTracer) options.onTracer(nullptr);
+    }
+  } announced{options};
+  if (options.onTracer) options.onTracer(&tracer);
 
   FrameTrace trace;
   trace.tracer = &tracer;

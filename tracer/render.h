@@ -33,6 +33,8 @@ struct TraceRenderOptions {
   /// Called with every finished tile, before exposure, by one thread at a time: R G B A Z, then the displays'
   /// output variables.
   std::function<void(const FilmTile&)> pixels;
+  /// Called with what traces the rays before the first of them, and with nullptr before it is gone.
+  std::function<void(RayTracer*)> onTracer;
   /// Fraction of the tiles that are finished, in (0, 1]; by one thread at a time.
   std::function<void(double)> progress;
 };

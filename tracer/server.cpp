@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstring>
 #include <new>
 #include <system_error>
@@ -11,6 +12,7 @@
 
 #include "shm/channel_server.h"
 #include "shm/hang_up.h"
+#include "shm/pager.h"
 #include "tracer/server_messages.h"
 
 namespace fr::tracer {
@@ -123,6 +125,7 @@ class Server {
         {m.descriptors[0].get(), m.descriptors[1].get(), m.descriptors[2].get()}, false);
     if (!cache) return std::move(cache).error();
     cache_ = std::move(cache).value();
+    options_.textureKilobytes = uint32_t(std::min<uint64_t>(scene.memoryBudget / 8 / 1024, 1u << 30));
     shading_ = std::make_unique<ShadingSystem>(*cache_, options_);
     shading_->loadShaders(cache::kForTracer);
     cache_->setDisplacer(&shading_->displacer());
@@ -132,6 +135,16 @@ class Server {
     options.scene.patchMultiplier = scene.patchMultiplier;
     options.scene.threads = threads;
     tracer_ = std::make_unique<RayTracer>(*cache_, *shading_, options);
+    if (scene.memoryBudget > 0) {
+      shm::PagerOptions pager;
+      pager.budget = scene.memoryBudget;
+      pager.peer = [parent = ::getppid()] { return parent; };
+      pager.giveBack = [tracer = tracer_.get()](uint64_t wanted) { return tracer->giveBack(wanted); };
+      auto started = shm::Pager::start(std::move(pager), cache_->pagedRanges());
+      if (!started) return std::move(started).error();
+      pager_ = std::move(started).value();
+      cache_->setPager(pager_.get());
+    }
     handler_ = std::make_unique<Handler>(*tracer_);
     auto server = shm::ChannelServer::create(*handler_);
     if (!server) return std::move(server).error();
@@ -173,6 +186,7 @@ class Server {
   std::unique_ptr<cache::SceneCache> cache_;
   std::unique_ptr<ShadingSystem> shading_;
   std::unique_ptr<RayTracer> tracer_;
+  std::unique_ptr<shm::Pager> pager_;
   std::unique_ptr<Handler> handler_;
   std::unique_ptr<shm::ChannelServer> server_;
   std::vector<std::thread> threads_;

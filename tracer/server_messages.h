@@ -41,7 +41,7 @@ inline constexpr uint32_t kMessageMagic = 0x52544652;  // "RFTR"
 
 /// Both ends must agree about every byte of these.
 constexpr uint64_t messageFingerprint() {
-  uint64_t h = 2;  // version of the conversation
+  uint64_t h = 3;  // version of the conversation
   for (uint64_t x :
        {uint64_t(sizeof(RayQuery)), uint64_t(offsetof(RayQuery, color)), uint64_t(offsetof(RayQuery, node)),
         uint64_t(sizeof(TracerStatistics)), uint64_t(cache::kFormatVersion), uint64_t(kMaxRays)})
@@ -63,6 +63,7 @@ struct SceneMessage {
   int32_t maxRayLevel;
   float patchMultiplier;
   uint32_t pad;
+  uint64_t memoryBudget;  // of both processes together; 0: none
 };
 
 /// Sends header, body and text as one message. Errors: kRange when it is too long, kSystem when the peer is

@@ -30,7 +30,8 @@ class ShmOracleService : public RayOracleService {
     std::vector<std::string> arguments{"--oracle"};
     int threads = 0;  // of the tracer; 0: one per core
     float patchMultiplier = 0.5f;
-    int maxRayLevel = -1;  // negative: the scene's
+    int maxRayLevel = -1;       // negative: the scene's
+    uint64_t memoryBudget = 0;  // bytes for this process and the tracer together; 0: none
     std::vector<std::string> shaderPath;
     std::string standardShaders;
   };

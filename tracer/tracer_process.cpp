@@ -197,6 +197,7 @@ Result<void> TracerProcess::introduce() {
   scene.threads = options_.threads > 0 ? options_.threads : availableCores();
   scene.maxRayLevel = options_.maxRayLevel;
   scene.patchMultiplier = options_.patchMultiplier;
+  scene.memoryBudget = options_.memoryBudget;
   const auto fds = cache_.segments();
   const std::array<int, 3> three{fds.skeleton, fds.nodes, fds.arena};
   auto ready = converse(MessageType::kScene, MessageType::kReady, std::as_bytes(std::span(&scene, 1)),

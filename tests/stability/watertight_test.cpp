@@ -61,9 +61,12 @@ class Watertight : public ::testing::TestWithParam<Model> {
     const DVec3 world = m.inside;
     inside_ = Vec3(world - scene_->cache->skeleton().header().cacheOrigin);
   }
-  std::unique_ptr<tracer::RayScene> trace(float multiplier) {
+  /// `clusters`: cut into small clusters, all of whose borders are open.
+  std::unique_ptr<tracer::RayScene> trace(float multiplier, bool clusters = false) {
     tracer::RaySceneOptions o;
     o.patchMultiplier = multiplier;
+    o.flatMicropolygons = clusters ? 0 : 1e12;
+    if (clusters) o.clusterMicropolygons = 20000;
     auto made = tracer::RayScene::build(
         *scene_->cache, [](ObjectId) { return true; }, o);
     EXPECT_TRUE(made.ok()) << (made.ok() ? "" : made.error().str());
@@ -92,17 +95,35 @@ TEST_P(Watertight, RandomRaysFromInside) {
       const float r = std::sqrt(std::max(0.0f, 1 - z * z));
       leaks += !traced->closest(ray({r * std::cos(a), r * std::sin(a), z})).any();
     }
-    EXPECT_EQ(leaks, 0u) << "multiplier " << multiplier << ", " << traced->statistics().stitchTriangles
-                         << " triangles";
+    EXPECT_EQ(leaks, 0u) << "multiplier " << multiplier << ", " << traced->statistics().stitchQuads
+                         << " quads";
   }
+}
+
+/// Clusters in which a ray takes one level, beside others in which it takes another one.
+TEST_P(Watertight, RandomRaysWithFootprintsThroughClusters) {
+  const auto traced = trace(0.5f, true);
+  ASSERT_TRUE(traced);
+  uint64_t leaks = 0;
+  for (uint64_t i = 0; i < rays(); ++i) {
+    const float z = 2 * toUnitFloat(uint32_t(mix64(3 * i))) - 1,
+                a = 6.2831853f * toUnitFloat(uint32_t(mix64(3 * i + 1)));
+    const float r = std::sqrt(std::max(0.0f, 1 - z * z));
+    tracer::Ray ask = ray({r * std::cos(a), r * std::sin(a), z});
+    ask.radius = 0.02f * std::pow(toUnitFloat(uint32_t(mix64(3 * i + 2))), 4.0f);
+    leaks += !traced->closest(ask).any();
+  }
+  EXPECT_EQ(leaks, 0u);
+  EXPECT_GT(traced->statistics().clustersDiced, 4u);
+  EXPECT_GT(traced->statistics().treesBuilt, traced->statistics().clustersDiced) << "one level alone";
 }
 
 /// At the lines along which grids meet, as shown at every stride, but not at vertices.
 TEST_P(Watertight, RaysAtBordersFromInside) {
-  std::vector<std::pair<Vec3, Vec3>> segments;
   const float* const arena = reinterpret_cast<const float*>(scene_->cache->arena().data());
-  for (const float multiplier : {1.0f, 0.5f, 0.25f}) {
-    const auto traced = trace(multiplier);
+  for (const auto& [multiplier, clusters] :
+       {std::pair(1.0f, false), std::pair(0.5f, false), std::pair(0.25f, false), std::pair(0.5f, true)}) {
+    const auto traced = trace(multiplier, clusters);
     ASSERT_TRUE(traced);
     uint64_t leaks = 0, asked = 0;
     scene_->forEachGrid([&](NodeId, const GridRecord& g) {
@@ -121,13 +142,16 @@ TEST_P(Watertight, RaysAtBordersFromInside) {
             if (a == b) continue;
             const uint64_t h = mix64(asked++);
             const float t = 0.02f + 0.96f * toUnitFloat(uint32_t(h));
-            leaks += !traced->closest(ray(a + t * (b - a) - inside_)).any();
+            tracer::Ray ask = ray(a + t * (b - a) - inside_);
+            if (clusters) ask.radius = 0.02f * std::pow(toUnitFloat(uint32_t(h >> 32)), 4.0f);
+            leaks += !traced->closest(ask).any();
           }
         }
       }
     });
     EXPECT_GT(asked, 1000u);
-    EXPECT_EQ(leaks, 0u) << "of " << asked << ", multiplier " << multiplier;
+    EXPECT_EQ(leaks, 0u) << "of " << asked << ", multiplier " << multiplier
+                         << (clusters ? ", in clusters" : "");
   }
 }
 

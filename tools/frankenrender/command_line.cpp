@@ -32,6 +32,7 @@ Examples:
   frankenrender scene.rib                          render
   frankenrender --res 320 180 --samples 2 2 s.rib  a quick look
   frankenrender --stats s.rib                      time, rays, grids, memory of both processes
+  frankenrender --memory 1G big.rib                 a scene larger than memory
   frankenrender -o test.png s.rib                  one picture, whatever the Displays say)";
 
 bool isSideSwitch(const std::string& a) { return a == "-bmrt" || a == "-prman" || a == "-common"; }
@@ -96,6 +97,17 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   app.add_option("-o,--output", output,
                  "Write one picture to this file (format by its ending) instead of the Displays")
       ->type_name("FILE");
+  std::string memory;
+  app.add_option(
+         "--memory", memory,
+         "Most that this job may hold in memory, both processes together: 512M, 2G. The scene goes to\n"
+         "files in the scratch folder then, and only what is in use stays in memory")
+      ->type_name("SIZE");
+  app.add_option("--scratch", c.memory.scratch,
+                 "Folder on a disk for scenes that do not fit into memory (default with --memory: TMPDIR,\n"
+                 "/var/tmp or /tmp). Nothing stays there")
+      ->type_name("DIR")
+      ->check(CLI::ExistingDirectory);
   app.add_flag("--progress", c.progress, "Show a progress bar (default on a terminal)");
   app.add_flag("--no-progress", noProgress, "Show none");
   app.add_flag(
@@ -142,6 +154,16 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
     c.inputs.push_back({"-", cache::kForReyes | cache::kForTracer});
   }
 
+  if (app.count("--memory") > 0) {
+    const auto bytes = parseMemorySize(memory);
+    if (!bytes) {
+      std::fprintf(stderr,
+                   "frankenrender: --memory wants a size such as 512M or 2G, at least 1M; not \"%s\"\n",
+                   memory.c_str());
+      return {std::nullopt, 2};
+    }
+    c.memory.budget = *bytes;
+  }
   cache::FrameOverrides& o = c.load.overrides;
   if (!resolution.empty()) o.resolution = {resolution[0], resolution[1]};
   if (!crop.empty()) {

@@ -7,6 +7,7 @@
 
 #include "imaging/adaptive_sampling.h"
 #include "scene_cache/scene_loader.h"
+#include "tools/memory_budget.h"
 
 namespace fr::tools {
 
@@ -19,6 +20,7 @@ struct CommandLine {
   int threads = 0;                 // 0: all cores
   std::optional<AdaptiveSampling> adaptive;
   bool tellError = false;  // that adaptive sampling reached
+  MemoryOptions memory;
   bool progress = false;
   bool stats = false;
   bool resume = false;

@@ -94,6 +94,9 @@ std::string FrameReport::text(int frameNumber) const {
     out.line("hits shaded", "{}", tracer->hitsShaded);
     out.line("ray scene", "{} grids, {} meshlets, {} quads, {} triangles", tracer->grids, tracer->meshlets,
              tracer->quads, tracer->triangles);
+    if (tracer->clusters > 0)
+      out.line("clusters", "{}, {} met by rays; {} trees built, {} given back", tracer->clusters,
+               tracer->clustersDiced, tracer->treesBuilt, tracer->treesFreed);
     out.line("build", "{:.3f} s dicing, {:.3f} s BVH", tracer->resolveSeconds, tracer->buildSeconds);
     out.line("answering", "{:.3f} thread seconds", tracer->answerSeconds);
   }
@@ -116,6 +119,9 @@ std::string FrameReport::text(int frameNumber) const {
   process("REYES process", rendererMemory);
   process("ray tracer process", tracerMemory);
   out.line("both (PSS)", "{}", mebibytes(total));
+  if (pager)
+    out.line("budget", "{}; at most {} held, {} let go",
+             mebibytes(pager->budget), mebibytes(pager->peak), mebibytes(pager->letGo));
   return out.take();
 }
 

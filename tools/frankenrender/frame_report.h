@@ -9,6 +9,7 @@
 #include "scene_cache/scene_loader.h"
 #include "shading/shading_system.h"
 #include "shm/memory_info.h"
+#include "shm/pager.h"
 #include "tracer/ray_tracer.h"
 
 namespace fr::tools {
@@ -23,6 +24,7 @@ struct FrameReport {
   int tracerProcess = 0;
   uint64_t tracerRestarts = 0;
   std::optional<shm::ProcessMemory> rendererMemory, tracerMemory;
+  std::optional<shm::PagerStatistics> pager;
 
   /// Reads the memory of both processes, while they still run.
   void takeMemory();

@@ -52,6 +52,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   ShadingSystem::Options shadingOptions;
   shadingOptions.shaderPath = shaderFolders(c.shaderPath, cache.skeleton(), c.inputs);
   shadingOptions.standardShaders = standardShaderFolder();
+  shadingOptions.textureKilobytes = textureKilobytes(c.memory);
 
   ShadingSystem shading(cache, shadingOptions);
   shading.loadShaders(cache::kForReyes);
@@ -84,11 +85,16 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
       options.threads = threads;
       options.shaderPath = shadingOptions.shaderPath;
       options.standardShaders = shadingOptions.standardShaders;
+      options.memoryBudget = c.memory.budget;
       shm = std::make_unique<tracer::ShmOracleService>(cache, options);
       oracle = shm.get();
     }
   }
 
+  auto pager = holdBudget(
+      c.memory, cache, [&] { return shm ? pid_t(shm->processId()) : pid_t(0); },
+      [&](uint64_t wanted) { return inproc ? inproc->giveBack(wanted) : uint64_t(0); });
+  if (!pager) return std::move(pager).error();
   RenderOptions options;
   options.threads = threads;
   options.resume = c.resume;
@@ -110,6 +116,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
       report.tracerProcess = shm->processId();
       report.tracerRestarts = shm->restarts();
     }
+    if (*pager) report.pager = (*pager)->statistics();
     report.oracleAsked = oracle != nullptr;
     report.takeMemory();
   }
@@ -133,6 +140,7 @@ int runJob(const CommandLine& c) {
   const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
 
+  const ScratchPlace scratch(c.memory);
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
@@ -154,7 +162,7 @@ int runJob(const CommandLine& c) {
   };
 
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path)) {
-    renderOne(cache::SceneCache::openFile(c.inputs[0].path), nullptr);
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch.folder()), nullptr);
   } else {
     for (const cache::RibInput& input : c.inputs) {
       if (!isCacheFile(input.path)) continue;
@@ -162,10 +170,11 @@ int runJob(const CommandLine& c) {
       return 2;
     }
     cache::LoadOptions load = c.load;
+    load.scratch = scratch.folder();
     load.makeTexture = makeRequestedTexture;
     load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
-      renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
+      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch.folder()), &frame.counts());
       return !abortRequested();
     });
     if (!loaded.ok()) {

@@ -186,6 +186,24 @@ const Option kOptions[] = {
        p.c.patchMultiplier = float(m);
        return true;
      }},
+    {"memory", "size", 1, 1,
+     "most that may be held in memory: 512M, 2G. The scene goes to files in the scratch folder then,\n"
+     "and only what is in use stays in memory",
+     [](Parser& p, Values v) {
+       const auto bytes = parseMemorySize(v[0]);
+       if (!bytes) return p.fail(fmt::format("{} wants a size such as 512M or 2G, at least 1M", p.name));
+       p.c.memory.budget = *bytes;
+       return true;
+     }},
+    {"scratch", "folder", 1, 1,
+     "on a disk, for scenes that do not fit into memory (default with -memory: TMPDIR, /var/tmp or\n"
+     "/tmp). Nothing stays there",
+     [](Parser& p, Values v) {
+       if (!std::filesystem::is_directory(v[0]))
+         return p.fail(fmt::format("{}: \"{}\" is no folder", p.name, v[0]));
+       p.c.memory.scratch = v[0];
+       return true;
+     }},
     {"shaders", "path", 1, 1, "folders of shaders, colon-separated, searched first",
      [](Parser& p, Values v) {
        p.c.shaderPath = v[0];

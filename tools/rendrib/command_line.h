@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "scene_cache/scene_loader.h"
+#include "tools/memory_budget.h"
 #include "tracer/render.h"
 
 namespace fr::tools {
@@ -18,6 +19,7 @@ struct RendribCommandLine {
   std::optional<AdaptiveSampling> adaptive;
   float patchMultiplier = 1;
   int threads = 0;  // 0: all cores
+  MemoryOptions memory;
   bool safe = false, window = false, verbose = false, stats = false, silent = false, beep = false;
   bool progressLines = false;  // "R90000 nn%", for queue managers
   bool radiosity = false;      // asked for

@@ -59,6 +59,16 @@ ParsedRayServerCommand parseRayServerCommand(int argc, char** argv) {
   app.add_option("--samples", samples, "Accepted, of no effect")->expected(2)->type_name("X Y");
   app.add_option("--shaders", c.shaderPath, "Folders of shaders, colon-separated, searched first")
       ->type_name("PATH");
+  std::string memory;
+  app.add_option("--memory", memory,
+                 "Most that the server may hold in memory: 512M, 2G. The scene goes to files in the scratch\n"
+                 "folder then, and only what is in use stays in memory")
+      ->type_name("SIZE");
+  app.add_option("--scratch", c.memory.scratch,
+                 "Folder on a disk for scenes that do not fit into memory (default with -memory: TMPDIR,\n"
+                 "/var/tmp or /tmp). Nothing stays there")
+      ->type_name("DIR")
+      ->check(CLI::ExistingDirectory);
   app.add_flag("--silent,--quiet", c.silent, "Print errors only");
   app.add_flag("-v,--verbose", verbose, "Accepted, of no effect");
 
@@ -108,7 +118,17 @@ ParsedRayServerCommand parseRayServerCommand(int argc, char** argv) {
     if (!parsed.run) return {std::nullopt, 2};
     c.inputs = std::move(parsed.run->inputs);
     c.load = std::move(parsed.run->load);
+    c.memory = std::move(parsed.run->memory);
     c.shaderPath = std::move(parsed.run->shaderPath);
+  }
+  if (app.count("--memory") > 0) {
+    const auto bytes = parseMemorySize(memory);
+    if (!bytes) {
+      std::fprintf(stderr, "rendrib -rayserver: -memory wants a size such as 512M or 2G; not \"%s\"\n",
+                   memory.c_str());
+      return {std::nullopt, 2};
+    }
+    c.memory.budget = *bytes;
   }
   if (c.inputs.empty()) {
     std::fputs("rendrib -rayserver: no scene given; try rendrib -rayserver --help\n", stderr);

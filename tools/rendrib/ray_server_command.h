@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "scene_cache/scene_loader.h"
+#include "tools/memory_budget.h"
 
 namespace fr::tools {
 
@@ -15,6 +16,7 @@ struct RayServerCommand {
   cache::LoadOptions load;
   std::string name;  // empty: none was given
   int threads = 0;   // 0: all cores
+  MemoryOptions memory;
   float patchMultiplier = 0.5f;
   bool silent = false;
   std::string shaderPath;  // colon-separated, searched first

@@ -55,15 +55,18 @@ bool isCacheFile(const std::string& path) { return std::filesystem::path(path).e
 
 /// The first frame of the scene.
 Result<std::unique_ptr<cache::SceneCache>> loadFrame(const RayServerCommand& c) {
+  const ScratchPlace scratch(c.memory);
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path))
-    return cache::SceneCache::openFile(c.inputs[0].path);
+    return cache::SceneCache::openFile(c.inputs[0].path, scratch.folder());
   for (const cache::RibInput& input : c.inputs)
     if (isCacheFile(input.path))
       return makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path);
   Result<std::unique_ptr<cache::SceneCache>> opened =
       makeError(RiError::kMissingData, "no world was found in the scene: there is nothing to serve");
-  const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
-    opened = cache::SceneCache::create(frame.skeletonFd());
+  cache::LoadOptions load = c.load;
+  load.scratch = scratch.folder();
+  const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
+    opened = cache::SceneCache::create(frame.skeletonFd(), scratch.folder());
     return false;
   });
   if (!loaded.ok() && !opened.ok()) return loaded.error();
@@ -87,6 +90,7 @@ Result<void> serve(const RayServerCommand& c, tracer::RayServer& server, int thr
   shadingOptions.shaderPath = shaderFolders(c.shaderPath, scene.skeleton(), c.inputs);
   shadingOptions.standardShaders = standardShaderFolder();
   shadingOptions.tracerSide = true;
+  shadingOptions.textureKilobytes = textureKilobytes(c.memory);
   ShadingSystem shading(scene, shadingOptions);
   shading.loadShaders(cache::kForTracer);
   scene.setDisplacer(&shading.displacer());
@@ -95,6 +99,8 @@ Result<void> serve(const RayServerCommand& c, tracer::RayServer& server, int thr
   options.scene.patchMultiplier = c.patchMultiplier;
   options.onBuilt = [&server](const tracer::RayTracer& t) { server.noteScene(t); };
   tracer::RayTracer tracer(scene, shading, options);
+  auto pager = holdBudget(c.memory, scene, {}, [&](uint64_t wanted) { return tracer.giveBack(wanted); });
+  if (!pager) return std::move(pager).error();
   const RaySceneInfo info = tracer::describeScene(scene, tracer, c.patchMultiplier, threads);
   if (announce)
     logMessage(Severity::kInfo,

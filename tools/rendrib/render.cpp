@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <thread>
 
 #include "base/cores.h"
@@ -47,6 +48,7 @@ Result<void> renderScene(const RendribCommandLine& c, cache::SceneCache& cache, 
   ShadingSystem::Options shadingOptions;
   shadingOptions.shaderPath = shaderFolders(c.shaderPath, skeleton, c.inputs);
   shadingOptions.standardShaders = standardShaderFolder();
+  shadingOptions.textureKilobytes = textureKilobytes(c.memory);
   ShadingSystem shading(cache, shadingOptions);
   shading.loadShaders(cache::kForTracer);
   cache.setDisplacer(&shading.displacer());
@@ -55,17 +57,29 @@ Result<void> renderScene(const RendribCommandLine& c, cache::SceneCache& cache, 
   if (c.verbose)
     say(fmt::format("frame {}: {} x {} pixels, {} objects", frameNumber, camera.resolution[0],
                     camera.resolution[1], skeleton.objects().size()));
+  std::mutex tracing;
+  tracer::RayTracer* tracer = nullptr;  // under the mutex
+  auto pager = holdBudget(c.memory, cache, {}, [&](uint64_t wanted) {
+    const std::lock_guard lock(tracing);
+    return tracer ? tracer->giveBack(wanted) : uint64_t(0);
+  });
+  if (!pager) return std::move(pager).error();
   tracer::TraceRenderOptions options;
   options.threads = c.threads;
   options.patchMultiplier = c.patchMultiplier;
   options.adaptive = c.adaptive;
   options.keepExisting = c.safe;
+  options.onTracer = [&](tracer::RayTracer* t) {
+    const std::lock_guard lock(tracing);
+    tracer = t;
+  };
   ProgressLines progress(c.progressLines);
   progress.update(0);
   options.progress = [&](double fraction) { progress.update(fraction); };
   Result<tracer::TraceRenderStatistics> rendered = tracer::renderFrame(cache, shading, options);
   report.shading = shading.statistics();
   report.cache = cache.statistics();
+  if (*pager) report.pager = (*pager)->statistics();
   cache.setDisplacer(nullptr);
   if (!rendered.ok()) return std::move(rendered).error();
   report.frame = *rendered;
@@ -110,6 +124,7 @@ int runScenes(RendribCommandLine c) {
   }
   warnOfIgnoredOptions(c, hasCacheFile);
 
+  const ScratchPlace scratch(c.memory);
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
@@ -133,15 +148,16 @@ int runScenes(RendribCommandLine c) {
 
   if (hasCacheFile) {
     if (c.verbose) say(fmt::format("opening {}", c.inputs[0].path));
-    renderOne(cache::SceneCache::openFile(c.inputs[0].path), nullptr);
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch.folder()), nullptr);
   } else {
     if (c.verbose)
       for (const cache::RibInput& i : c.inputs)
         say(fmt::format("reading {}", i.path == "-" ? "standard input" : i.path));
+    c.load.scratch = scratch.folder();
     c.load.makeTexture = makeRequestedTexture;
     c.load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
-      renderOne(cache::SceneCache::create(frame.skeletonFd()), &frame.counts());
+      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch.folder()), &frame.counts());
       return !abortRequested();
     });
     if (!loaded.ok()) {

@@ -71,6 +71,9 @@ std::string TraceReport::text(int frameNumber) const {
                           mebibytes(t.recordBytes)));
   if (auto m = shm::processMemory(0); m.ok())
     line("process", fmt::format("PSS {}, private {}", mebibytes(m->pss), mebibytes(m->privateBytes)));
+  if (pager)
+    line("budget", fmt::format("{}; at most {} held, {} let go", mebibytes(pager->budget),
+                               mebibytes(pager->peak), mebibytes(pager->letGo)));
   return text;
 }
 

@@ -7,6 +7,7 @@
 #include "scene_cache/cache.h"
 #include "scene_cache/scene_loader.h"
 #include "shading/shading_system.h"
+#include "shm/pager.h"
 #include "tracer/render.h"
 
 namespace fr::tools {
@@ -16,6 +17,7 @@ struct TraceReport {
   tracer::TraceRenderStatistics frame;
   ShadingStatistics shading;
   cache::CacheStatistics cache;
+  std::optional<shm::PagerStatistics> pager;
 
   /// Reads this process's memory too.
   std::string text(int frameNumber) const;

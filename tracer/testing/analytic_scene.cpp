@@ -120,6 +120,13 @@ std::span<const RootPatchRecord> Skeleton::rootPatches() const {
 }
 std::span<const SolidRecord> Skeleton::solids() const { return {}; }
 DMat4 Skeleton::placement(const ObjectRecord&) const { return DMat4(1); }
+// A camera without a transformation sees everything.
+std::span<const TransformRecord> Skeleton::transforms() const { return {}; }
+const CameraRecord& Skeleton::camera() const {
+  static const CameraRecord camera{};
+  return camera;
+}
+DMat4 Skeleton::cacheToCamera(float) const { return DMat4(1); }
 const OptionsRecord& Skeleton::options() const { return table<OptionsRecord>(bytes_, header_->options)[0]; }
 std::string_view Skeleton::string(StringId id) const {
   const StringRecord r = table<StringRecord>(bytes_, header_->strings)[id];
@@ -168,6 +175,8 @@ Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool
 }
 CacheStatistics SceneCache::statistics() const { return {}; }
 SceneCache::Segments SceneCache::segments() const { return impl_->fds; }
+std::vector<shm::PagedRange> SceneCache::pagedRanges() const { return {}; }
+void SceneCache::setPager(shm::Pager*) {}
 const PatchNode& SceneCache::node(NodeId id) const { return impl_->node[id]; }
 uint32_t SceneCache::nodeCount() const { return uint32_t(impl_->node.size()); }
 const RootPatchRecord& SceneCache::rootOf(NodeId id) const { return skeleton_.rootPatches()[id]; }

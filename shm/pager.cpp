@@ -1,0 +1,185 @@
+#include "shm/pager.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdio>
+#include <mutex>
+#include <system_error>
+#include <thread>
+
+#include "shm/memory_info.h"
+
+namespace fr::shm {
+namespace {
+
+constexpr uint64_t kStep = uint64_t(2) << 20;  // what one madvise lets go
+/// How often the sums are looked at: two threads that fault pages in at 2 GB/s take 16 MB in the meantime.
+constexpr std::chrono::milliseconds kPeriod{4};
+/// The sum is kept this much under the budget, for what happens between two looks.
+constexpr uint64_t kMargin = uint64_t(32) << 20;
+/// How often it is looked at which pages are shared, in looks: that costs a millisecond per gigabyte.
+constexpr uint64_t kLooksPerShares = 16;
+/// Below that much, files cannot be what is too large: programs and libraries count as files too.
+constexpr uint64_t kFilesFloor = uint64_t(24) << 20;
+
+}  // namespace
+
+ResidentBytes residentBytes(pid_t pid) {
+  char path[64];
+  if (pid > 0)
+    std::snprintf(path, sizeof path, "/proc/%d/statm", int(pid));
+  else
+    std::snprintf(path, sizeof path, "/proc/self/statm");
+  const int fd = ::open(path, O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return {};
+  char text[256];
+  const ssize_t n = ::read(fd, text, sizeof text - 1);
+  ::close(fd);
+  if (n <= 0) return {};
+  text[n] = 0;
+  unsigned long long size = 0, resident = 0, files = 0;
+  if (std::sscanf(text, "%llu %llu %llu", &size, &resident, &files) != 3) return {};
+  static const uint64_t page = uint64_t(std::max(::sysconf(_SC_PAGESIZE), 4096L));
+  return {resident * page, files * page};
+}
+
+struct Pager::State {
+  PagerOptions options;
+  std::vector<PagedRange> ranges;
+  std::mutex mutex;
+  std::condition_variable wake;
+  bool ending = false;  // under mutex
+  std::atomic<uint64_t> peak{0}, letGo{0}, asked{0};
+  std::mutex looking;  // all below
+  size_t range = 0;
+  uint64_t at = 0;
+  bool warned = false;
+  uint64_t looks = 0, twice = 0, filesThen = 0;
+  std::thread thread;
+
+  void run() {
+    std::unique_lock lock(mutex);
+    while (!wake.wait_for(lock, kPeriod, [this] { return ending; })) {
+      lock.unlock();
+      look();
+      lock.lock();
+    }
+  }
+
+  void look() {
+    const std::unique_lock lock(looking, std::try_to_lock);
+    if (!lock) return;
+    const ResidentBytes own = residentBytes(0);
+    const pid_t other = options.peer ? options.peer() : 0;
+    const ResidentBytes peer = other > 0 ? residentBytes(other) : ResidentBytes{};
+    const uint64_t sum = held(own.total + peer.total, own.files + peer.files, other);
+    uint64_t old = peak.load(std::memory_order_relaxed);
+    if (sum > old) peak.store(sum, std::memory_order_relaxed);
+    const uint64_t margin = std::min(kMargin + options.budget / 32, options.budget / 6);
+    const uint64_t limit = options.budget - margin;
+    if (sum <= limit) return;
+    // Each process lets go of its share; somewhat more, so that this need not be done at every look.
+    const uint64_t excess = sum - limit + options.budget / 64;
+    const uint64_t files = own.files + peer.files;
+    const uint64_t share = files > 0 ? uint64_t(double(excess) * double(own.files) / double(files)) : 0;
+    if (own.files > kFilesFloor) letPagesGo(own.files, std::min(share, own.files - kFilesFloor));
+    // Private memory has to go when files alone cannot make room.
+    const uint64_t most = files > 2 * kFilesFloor ? files - 2 * kFilesFloor : 0;
+    if (excess > most / 2 && options.giveBack) {
+      const uint64_t wanted = excess - most / 2;
+      asked.fetch_add(wanted, std::memory_order_relaxed);
+      if (options.giveBack(wanted) >= wanted) return;
+    }
+    if (sum - std::min(sum, files) > options.budget && !warned) {
+      warned = true;
+      reportWarning(RiError::kNoMem,
+                    "the memory budget of {} MiB is too small: what cannot be written to the scratch folder "
+                    "alone takes {} MiB; going on",
+                    options.budget >> 20, (sum - files) >> 20);
+    }
+  }
+
+  /// What both hold, a page that both map counted once: resident bytes, less what counting each page by its share
+  /// has taken off them not long ago. Pages that were let go since are not taken off twice.
+  uint64_t held(uint64_t resident, uint64_t files, pid_t other) {
+    if (resident * 4 > options.budget * 3 && looks++ % kLooksPerShares == 0) {
+      uint64_t shares = 0;
+      if (const auto m = processMemory(0)) shares += m->pss;
+      if (other > 0)
+        if (const auto m = processMemory(other)) shares += m->pss;
+      twice = resident - std::min(resident, shares), filesThen = files;
+    }
+    const double left = files < filesThen ? double(files) / double(filesThen) : 1.0;
+    return resident - std::min(resident, uint64_t(double(twice) * left));
+  }
+
+  /// Moves the hand until `wanted` bytes less are resident, at most once around.
+  void letPagesGo(uint64_t residentFiles, uint64_t wanted) {
+    if (ranges.empty() || wanted == 0) return;
+    uint64_t whole = 0;
+    for (const PagedRange& r : ranges) whole += r.bytes();
+    const uint64_t goal = residentFiles - std::min(wanted, residentFiles);
+    constexpr uint64_t kStepsBetweenLooks = 4;
+    for (uint64_t moved = 0, steps = 0; moved <= whole + kStep * ranges.size(); ++steps) {
+      if (range >= ranges.size()) range = 0, at = 0;
+      const PagedRange& r = ranges[range];
+      const uint64_t size = r.bytes() / 4096 * 4096;  // the last page is being written
+      if (at >= size) {
+        ++range, at = 0;
+        moved += kStep;
+        continue;
+      }
+      const uint64_t n = std::min(kStep, size - at);
+      // What is dirty stays with the kernel until it is written.
+      ::madvise(r.data + at, n, MADV_DONTNEED);
+      ::sync_file_range(r.fd, off64_t(r.offset + at), off64_t(n), SYNC_FILE_RANGE_WRITE);
+      at += n, moved += n;
+      if (steps % kStepsBetweenLooks == kStepsBetweenLooks - 1) {
+        const uint64_t now = residentBytes(0).files;
+        if (now <= goal) break;
+      }
+    }
+    const uint64_t now = residentBytes(0).files;
+    if (now < residentFiles) letGo.fetch_add(residentFiles - now, std::memory_order_relaxed);
+  }
+};
+
+Pager::Pager() : state_(std::make_unique<State>()) {}
+
+Result<std::unique_ptr<Pager>> Pager::start(PagerOptions options, std::vector<PagedRange> ranges) {
+  std::unique_ptr<Pager> p(new Pager);
+  State& s = *p->state_;
+  s.options = std::move(options);
+  s.ranges = std::move(ranges);
+  try {
+    s.thread = std::thread([&s] { s.run(); });
+  } catch (const std::system_error& e) {
+    return makeError(RiError::kSystem, "no thread can be started to hold the memory budget: {}", e.what());
+  }
+  return p;
+}
+
+Pager::~Pager() {
+  {
+    const std::lock_guard lock(state_->mutex);
+    state_->ending = true;
+  }
+  state_->wake.notify_all();
+  if (state_->thread.joinable()) state_->thread.join();
+}
+
+void Pager::look() { state_->look(); }
+
+PagerStatistics Pager::statistics() const {
+  const State& s = *state_;
+  return {s.options.budget, s.peak.load(std::memory_order_relaxed), s.letGo.load(std::memory_order_relaxed),
+          s.asked.load(std::memory_order_relaxed)};
+}
+
+}  // namespace fr::shm

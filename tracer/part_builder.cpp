@@ -1,0 +1,179 @@
+#include "tracer/part_builder.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <map>
+
+namespace fr::tracer {
+
+using namespace cache;
+
+namespace {
+
+class PartBuilder {
+ public:
+  PartBuilder(RTCDevice device, const SceneCache& cache, std::vector<GatheredGrid>& grids,
+              uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts)
+      : device_(device), cache_(cache), grids_(grids), first_(firstEntry), part_(part), counts_(counts) {}
+
+  void build() {
+    std::map<ClassKey, std::vector<uint32_t>> classes;
+    for (uint32_t i = 0; i < grids_.size(); ++i) classes[grids_[i].key].push_back(i);
+    const auto stitches = closeBorders();
+    part_.descriptors.reserve(classes.size() + stitches.size());  // Embree keeps pointers into them
+    for (const auto& [key, members] : classes) attach(key, members);
+    for (const auto& [key, quads] : stitches) attachStitches(key, quads);
+    counts_.geometries += part_.descriptors.size();
+  }
+
+ private:
+  void attach(const ClassKey& key, const std::vector<uint32_t>& members) {
+    std::vector<uint32_t>& buffer = part_.descriptors.emplace_back();
+    std::vector<uint32_t>& entryOf = part_.entryOfPrimitive.emplace_back();
+    uint64_t vertexEnd = 0;
+    size_t primitives = 0;
+    for (uint32_t m : members) {
+      GatheredGrid& p = grids_[m];
+      SurfaceEntry& e = p.entry;
+      if (key.meshlet) {
+        e.firstTriangle = uint32_t(primitives);
+        const auto* index = reinterpret_cast<const uint8_t*>(cache_.arena().data() + p.indices);
+        for (uint32_t t = 0; t < e.cellsV; ++t) {
+          // Read once; a corner outside of the meshlet becomes its first vertex.
+          for (uint32_t c = 0; c < 3; ++c)
+            if (const uint32_t i = index[3 * t + c]; i < e.cellsU)
+              buffer.push_back(p.startVertex + i);
+            else
+              buffer.push_back(p.startVertex);
+          entryOf.push_back(first_ + m);
+        }
+        primitives += e.cellsV;
+        vertexEnd = std::max<uint64_t>(vertexEnd, uint64_t(p.startVertex) + e.cellsU);
+        counts_.meshlets += 1;
+        counts_.triangles += e.cellsV;
+      } else {
+        uint32_t first = p.startVertex, cellsU = e.cellsU, cellsV = e.cellsV;
+        if (e.stitched) {
+          first += e.inner[2] * p.rowStride + e.inner[0];
+          cellsU = e.inner[1] - e.inner[0], cellsV = e.inner[3] - e.inner[2];
+          if (cellsU == 0) continue;
+        }
+        const RTCGrid grid{first, p.rowStride, uint16_t(cellsU + 1), uint16_t(cellsV + 1)};
+        const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
+        buffer.insert(buffer.end(), words.begin(), words.end());
+        entryOf.push_back(first_ + m);
+        ++primitives;
+        vertexEnd = std::max<uint64_t>(vertexEnd, first + uint64_t(cellsV) * p.rowStride + cellsU + 1u);
+        counts_.grids += 1;
+        counts_.quads += uint64_t(cellsU) * cellsV;
+      }
+    }
+    addGeometry(key.meshlet ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID, key,
+                cache_.arena().data() + key.window * kWindow, key.keyBytes, uint64_t(12) << key.level,
+                vertexEnd, primitives);
+  }
+
+  /// Refines borders that no neighbour shows, by the class whose vertices the quadrilaterals share.
+  std::map<ClassKey, std::vector<StitchQuad>> closeBorders() {
+    std::vector<BorderedGrid> bordered(grids_.size());
+    for (size_t i = 0; i < bordered.size(); ++i) {
+      const GatheredGrid& p = grids_[i];
+      if (p.entry.meshlet || p.entry.strip) continue;
+      BorderedGrid& g = bordered[i];
+      g.vertices = vertexOf(cache_, p, 0);
+      g.rowStride = p.rowStride;
+      g.cellsU = uint8_t(p.entry.cellsU), g.cellsV = uint8_t(p.entry.cellsV);
+      g.level = uint8_t(p.key.level);
+      g.kind = p.key.mask | p.key.keys << 8;
+      g.open = p.open;
+    }
+    std::map<ClassKey, std::vector<StitchQuad>> stitches;
+    for (const StitchQuad& t : stitchBorders(bordered)) {
+      GatheredGrid& p = grids_[t.grid];
+      p.entry.stitched = 1;
+      std::copy_n(bordered[t.grid].inner, 4, p.entry.inner);
+      stitches[p.key].push_back(t);
+    }
+    return stitches;
+  }
+
+  /// Quadrilaterals as grids of one cell, over copies of their corners.
+  void attachStitches(const ClassKey& key, const std::vector<StitchQuad>& quads) {
+    std::vector<uint32_t>& entryOf = part_.entryOfPrimitive.emplace_back();
+    std::vector<float>& corners = part_.stitchVertices.emplace_back();
+    const size_t keyFloats = quads.size() * 12;
+    corners.resize(key.keys * keyFloats + 1);  // Embree loads 16 bytes for a vertex of 12
+    std::vector<uint32_t>& buffer = part_.descriptors.emplace_back();
+    for (size_t q = 0; q < quads.size(); ++q) {
+      StitchQuad quad = quads[q];
+      const GatheredGrid& p = grids_[quad.grid];
+      // The rows of a grid run the same way.
+      static constexpr int kOrder[4] = {0, 1, 3, 2};
+      for (int c = 0; c < 4; ++c) {
+        const int corner = kOrder[c];
+        const uint64_t at = uint64_t(quad.j[corner]) * p.rowStride + quad.i[corner];
+        for (uint32_t k = 0; k < key.keys; ++k)
+          std::copy_n(vertexOf(cache_, p, at) + k * (key.keyBytes / sizeof(float)), 3,
+                      &corners[k * keyFloats + q * 12 + size_t(c) * 3]);
+      }
+      const RTCGrid grid{uint32_t(4 * q), 2, 2, 2};
+      const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
+      buffer.insert(buffer.end(), words.begin(), words.end());
+      quad.grid += first_;
+      entryOf.push_back(TracedPart::kStitch | uint32_t(part_.stitches.size()));
+      part_.stitches.push_back(quad);
+    }
+    counts_.stitchQuads += quads.size();
+    addGeometry(RTC_GEOMETRY_TYPE_GRID, key, reinterpret_cast<const std::byte*>(corners.data()),
+                keyFloats * sizeof(float), 12, 4 * quads.size(), quads.size());
+  }
+
+  /// Hands the newest buffer of descriptors to Embree, over vertices `step` bytes apart.
+  void addGeometry(RTCGeometryType type, const ClassKey& key, const std::byte* vertices, uint64_t keyBytes,
+                   uint64_t step, uint64_t vertexEnd, size_t primitives) {
+    std::vector<uint32_t>& buffer = part_.descriptors.back();
+    buffer.resize(buffer.size() + 4);  // Embree may load past the last element
+
+    RTCGeometry g = rtcNewGeometry(device_, type);
+    rtcSetGeometryTimeStepCount(g, key.keys);
+    for (uint32_t k = 0; k < key.keys; ++k)
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3, vertices + k * keyBytes, 0,
+                                 step, vertexEnd);
+    if (type == RTC_GEOMETRY_TYPE_TRIANGLE)
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, buffer.data(), 0, 12,
+                                 primitives);
+    else
+      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, buffer.data(), 0,
+                                 sizeof(RTCGrid), primitives);
+    rtcSetGeometryMask(g, key.mask);
+    rtcCommitGeometry(g);
+    const unsigned id = rtcAttachGeometry(part_.scene, g);
+    FR_CHECK(id + 1 == part_.entryOfPrimitive.size());
+    rtcReleaseGeometry(g);
+  }
+
+  RTCDevice device_;
+  const SceneCache& cache_;
+  std::vector<GatheredGrid>& grids_;
+  uint32_t first_;
+  TracedPart& part_;
+  RaySceneStatistics& counts_;
+};
+
+}  // namespace
+
+RTCScene newRayScene(RTCDevice device) {
+  RTCScene scene = rtcNewScene(device);
+  rtcSetSceneFlags(scene, RTCSceneFlags(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
+  rtcSetSceneBuildQuality(scene, RTC_BUILD_QUALITY_MEDIUM);
+  return scene;
+}
+
+void buildPart(RTCDevice device, const SceneCache& cache, std::vector<GatheredGrid>& grids,
+               uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts) {
+  part.scene = newRayScene(device);
+  PartBuilder(device, cache, grids, firstEntry, part, counts).build();
+}
+
+}  // namespace fr::tracer

@@ -1,0 +1,44 @@
+// An Embree scene with what is needed to say what its hits mean. Internal to tracer/.
+#pragma once
+
+#include <embree3/rtcore.h>
+
+#include <utility>
+#include <vector>
+
+#include "tracer/border_stitch.h"
+
+namespace fr::tracer {
+
+struct TracedPart {
+  /// In entryOfPrimitive: the rest is an index into stitches.
+  static constexpr uint32_t kStitch = 0x80000000u;
+
+  RTCScene scene = nullptr;                             // owned; nullptr: no geometry
+  std::vector<std::vector<uint32_t>> entryOfPrimitive;  // by Embree's geometry id, then primitive id
+  std::vector<StitchQuad> stitches;                     // StitchQuad::grid is the entry
+  std::vector<std::vector<float>> stitchVertices;       // four corners each, key after key
+  std::vector<std::vector<uint32_t>> descriptors;       // grids or triangle corners, one a geometry; Embree
+                                                        // reads them here
+  TracedPart() = default;
+  TracedPart(TracedPart&& o) noexcept { *this = std::move(o); }
+  TracedPart& operator=(TracedPart&& o) noexcept {
+    std::swap(scene, o.scene);
+    entryOfPrimitive.swap(o.entryOfPrimitive), stitches.swap(o.stitches);
+    stitchVertices.swap(o.stitchVertices), descriptors.swap(o.descriptors);
+    return *this;
+  }
+  ~TracedPart() {
+    if (scene) rtcReleaseScene(scene);
+  }
+
+  uint64_t recordBytes() const {
+    uint64_t n = stitches.size() * sizeof(StitchQuad);
+    for (const auto& table : entryOfPrimitive) n += table.size() * sizeof(uint32_t);
+    for (const auto& corners : stitchVertices) n += corners.size() * sizeof(float);
+    for (const auto& buffer : descriptors) n += buffer.size() * sizeof(uint32_t);
+    return n;
+  }
+};
+
+}  // namespace fr::tracer
