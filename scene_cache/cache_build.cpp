@@ -116,6 +116,7 @@ Result<void> SceneCache::settle() {
   // Prototypes are read again by their instances: the kernel finds their pages in the file.
   madvise(d.arena.base(), top, MADV_DONTNEED);
   madvise(d.nodes.base(), d.nodes.header().top.load(), MADV_DONTNEED);
+  madvise(d.skeletonMap, d.skeletonSize, MADV_DONTNEED);
   return {};
 }
 

@@ -16,11 +16,11 @@
 #include "scene_cache/scene_loader.h"
 #include "shading/shader_library.h"
 #include "shading/shading_system.h"
+#include "tools/memory_budget.h"
 #include "tools/scenecache/commands.h"
 #include "tools/scenecache/contents.h"
 #include "tools/scenecache/dice_all.h"
 #include "tools/scenecache/displacement.h"
-#include "tools/scenecache/sizes.h"
 #include "tools/shader_folders.h"
 
 namespace fr::tools {
@@ -50,12 +50,6 @@ Result<void> buildFrame(const BuildOptions& o, const std::vector<RibInput>& inpu
   auto made = SceneCache::createInFile(frame.skeletonFd(), o.output, o.scratch);
   if (!made) return std::move(made).error();
   SceneCache& cache = **made;
-  if (o.budget != 0 && frame.skeletonBytes() > o.budget / 2)
-    reportWarning(
-        RiError::kNoMem,
-        "the scene before dicing takes {} of the budget of {}: control points and tables are held in "
-        "memory",
-        bytesText(frame.skeletonBytes()), bytesText(o.budget));
   ShadingSystem::Options shaders;
   shaders.shaderPath = shaderFolders({}, cache.skeleton(), inputs);
   shaders.standardShaders = standardShaderFolder();
@@ -123,9 +117,10 @@ Result<void> buildFrame(const BuildOptions& o, const std::vector<RibInput>& inpu
 int build(BuildOptions o) {
   if (o.quiet) setLogLevel(Severity::kError);
   if (!o.memory.empty()) {
-    const std::optional<uint64_t> bytes = parseBytes(o.memory);
+    const std::optional<uint64_t> bytes = parseMemorySize(o.memory);
     if (!bytes) {
-      report(makeError(RiError::kBadToken, "--memory {}: a size is a number with K, M, G or T behind it",
+      report(makeError(RiError::kBadToken,
+                       "--memory {}: a size is a number with K, M or G behind it, a mebibyte at least",
                        o.memory));
       return kUsage;
     }
@@ -143,6 +138,12 @@ int build(BuildOptions o) {
     const std::filesystem::path file = std::filesystem::absolute(rib, unknown);
     if (rib != "-" && !unknown) options.overrides.shaderFolders.push_back(file.parent_path().string());
   }
+  // Control points and tables too, then: the kernel keeps of them what is used.
+  if (o.budget != 0 && o.scratch.empty()) {
+    std::error_code unknown;
+    o.scratch = std::filesystem::absolute(o.output, unknown).parent_path().string();
+  }
+  options.scratch = o.scratch;
   if (o.frame) options.frames = std::pair(*o.frame, *o.frame);
   bool made = false, failed = false;
   int built = 0, others = 0;
@@ -185,8 +186,9 @@ constexpr const char* kMore =
     R"(The file appears under its name when it is whole: after Ctrl-C, kill -9 or on a full disk the old
 file, if there was one, is still there, and nothing else; start again.
 
-Grids are written while others are diced, into the folder of the output; memory holds the scene
-before dicing (control points, tables) and an eighth of the budget, at most 64 MB, of grids.
+Grids are written while others are diced, into the folder of the output; memory holds an eighth of
+the budget of them, at most 64 MB. With --memory or --scratch the scene before dicing (control
+points, tables) and the table of patches are in files too, in the scratch folder.
 
 --reuse finds objects again by all that their grids depend on: control points, transform, rates,
 displacement. With the same camera whole objects are copied; with another one every patch is
@@ -203,7 +205,7 @@ void addBuild(CLI::App& app, Run& run) {
   b->add_option("-o,--output", o->output, "The .fsc file")->required();
   b->add_option("--memory", o->memory, "Budget of memory: 512M, 2G ... Default: none");
   b->add_option("--scratch", o->scratch,
-                "Folder for the table of patches while it grows. Default: the output's");
+                "Folder for the scene and its table of patches meanwhile. Default: the output's");
   b->add_option("--reuse", o->reuse, "Take from this cache what would be diced the same");
   b->add_option("--frame", o->frame,
                 "Number of the frame (FrameBegin) to build. Default: the first world of the input");
