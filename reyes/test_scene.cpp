@@ -29,7 +29,7 @@ struct SceneCache::Impl {
 SceneCache::SceneCache() = default;
 SceneCache::~SceneCache() = default;
 
-Result<std::unique_ptr<SceneCache>> SceneCache::create(int fd) {
+Result<std::unique_ptr<SceneCache>> SceneCache::create(int fd, const std::string&) {
   std::unique_ptr<SceneCache> c(new SceneCache);
   c->impl_ = std::make_unique<Impl>();
   c->impl_->scene = current;

@@ -102,10 +102,11 @@ bool StateRenderer::endMovingAttribute(MotionBlock& m) {
     }
   if (!m.shaders.front()) return true;
   ShaderPtr mean = meanShader(m.shaders, weights);
-  if (mean->kind == ShaderKind::kLight || mean->kind == ShaderKind::kAreaLight)
+  const ShaderKind kind = mean->kind;
+  if (kind == ShaderKind::kLight || kind == ShaderKind::kAreaLight)
     state_.setLightShader(m.light, std::move(mean));
   else
-    setShader(mean->kind, std::move(mean));
+    setShader(kind, std::move(mean));
   return true;
 }
 

@@ -25,8 +25,10 @@ constexpr std::chrono::milliseconds kPeriod{4};
 constexpr uint64_t kMargin = uint64_t(32) << 20;
 /// How often it is looked at which pages are shared, in looks: that costs a millisecond per gigabyte.
 constexpr uint64_t kLooksPerShares = 16;
-/// Below that much, files cannot be what is too large: programs and libraries count as files too.
-constexpr uint64_t kFilesFloor = uint64_t(24) << 20;
+/// What files keep beside programs and libraries, which count as files too.
+constexpr uint64_t kLeastFiles = uint64_t(4) << 20;
+/// No more than this is taken for programs and libraries: a scene may have been read before the pager starts.
+constexpr uint64_t kMostLibraries = uint64_t(24) << 20;
 
 }  // namespace
 
@@ -61,6 +63,7 @@ struct Pager::State {
   uint64_t at = 0;
   bool warned = false;
   uint64_t looks = 0, twice = 0, filesThen = 0;
+  uint64_t floor = 0;  // resident bytes of files that are not let go
   std::thread thread;
 
   void run() {
@@ -88,9 +91,9 @@ struct Pager::State {
     const uint64_t excess = sum - limit + options.budget / 64;
     const uint64_t files = own.files + peer.files;
     const uint64_t share = files > 0 ? uint64_t(double(excess) * double(own.files) / double(files)) : 0;
-    if (own.files > kFilesFloor) letPagesGo(own.files, std::min(share, own.files - kFilesFloor));
+    if (own.files > floor) letPagesGo(own.files, std::min(share, own.files - floor));
     // Private memory has to go when files alone cannot make room.
-    const uint64_t most = files > 2 * kFilesFloor ? files - 2 * kFilesFloor : 0;
+    const uint64_t most = files > 2 * floor ? files - 2 * floor : 0;
     if (excess > most / 2 && options.giveBack) {
       const uint64_t wanted = excess - most / 2;
       asked.fetch_add(wanted, std::memory_order_relaxed);
@@ -157,6 +160,7 @@ Result<std::unique_ptr<Pager>> Pager::start(PagerOptions options, std::vector<Pa
   State& s = *p->state_;
   s.options = std::move(options);
   s.ranges = std::move(ranges);
+  s.floor = std::min(residentBytes(0).files, kMostLibraries) + kLeastFiles;
   try {
     s.thread = std::thread([&s] { s.run(); });
   } catch (const std::system_error& e) {
