@@ -16,7 +16,7 @@
 namespace fr::test {
 namespace {
 
-// A machine that is busy with other things may look late: the tests allow an eighth more than the budget.
+// A machine that is busy with other things may look late: the tests allow a quarter more than the budget.
 
 /// Finely diced spheres that see each other: some million micropolygons, several times as much memory as the
 /// programs themselves.
@@ -101,7 +101,7 @@ TEST_F(MemoryBudget, TheSamePictureInsideTheBudget) {
       &held);
   ASSERT_EQ(o.exitCode, 0) << o.err;
   EXPECT_TRUE(readExr(w_.path() / "out.exr") == whole);
-  EXPECT_LE(held, budget + budget / 8) << "without a budget: " << free;
+  EXPECT_LE(held, budget + budget / 4) << "without a budget: " << free;
   EXPECT_EQ(o.err.find("too small"), std::string::npos) << o.err;
   EXPECT_NE(o.out.find("let go"), std::string::npos) << o.out;
   EXPECT_EQ(o.out.find("0.0 MiB let go"), std::string::npos) << "the scene fits: this tests nothing\n"
@@ -117,7 +117,7 @@ TEST_F(MemoryBudget, RaysAloneInsideTheBudget) {
   const Outcome o = render("rendrib", {"-scratch", "scratch", "-memory", std::to_string(budget)}, &held);
   ASSERT_EQ(o.exitCode, 0) << o.err;
   EXPECT_TRUE(readExr(w_.path() / "out.exr") == whole);
-  EXPECT_LE(held, budget + budget / 8) << "without a budget: " << free;
+  EXPECT_LE(held, budget + budget / 4) << "without a budget: " << free;
 }
 
 TEST_F(MemoryBudget, AKillLeavesNothingInTheScratchFolder) {
