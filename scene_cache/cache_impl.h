@@ -58,10 +58,10 @@ struct SceneCache::Impl {
   bool readOnly = false;
   std::atomic<shm::Pager*> pager{nullptr};
   std::atomic<uint64_t> unlooked{0};  // bytes of grids since the pager was asked to look
-  uint64_t id = 0;                   // of this instance within the process, for the threads' chunks
-  std::unique_ptr<FileBuild> build;  // grids go to this file
-  std::atomic<bool> noRoom{false};   // a grid could not be stored
-  uint64_t displacement = 0;         // FileFooter::displacement of the file that this is
+  uint64_t id = 0;                    // of this instance within the process, for the threads' chunks
+  std::unique_ptr<FileBuild> build;   // grids go to this file
+  std::atomic<bool> noRoom{false};    // a grid could not be stored
+  uint64_t displacement = 0;          // FileFooter::displacement of the file that this is
   std::unique_ptr<GridSource> gridSource;
 
   // ---- ownership of claims: a slot whose byte of the nodes file this process has locked

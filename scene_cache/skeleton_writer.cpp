@@ -46,9 +46,9 @@ constexpr uint64_t kGrowStep = uint64_t(1) << 18;
 /// Address space for one skeleton; the segment takes less where the system refuses so much.
 constexpr uint64_t kReserve = uint64_t(1) << 40;
 
-/// Gives up the mapping and forbids every later change (of memory; a file in a scratch folder has no name, but
-/// also no seals). Returns a read-only descriptor: before Linux 6.7 a file sealed against writing could not be
-/// mapped shared through one that is open for writing.
+/// Gives up the mapping and forbids every later change (of memory; a file in a scratch folder has no name,
+/// but also no seals). Returns a read-only descriptor: before Linux 6.7 a file sealed against writing could
+/// not be mapped shared through one that is open for writing.
 Result<int> seal(shm::Segment segment, uint64_t bytes, bool memory) {
   // Growth was rounded up generously; the file cannot shrink, but its tail need not take memory.
   if (segment.size() > bytes)

@@ -108,8 +108,8 @@ struct Pager::State {
     }
   }
 
-  /// What both hold, a page that both map counted once: resident bytes, less what counting each page by its share
-  /// has taken off them not long ago. Pages that were let go since are not taken off twice.
+  /// What both hold, a page that both map counted once: resident bytes, less what counting each page by its
+  /// share has taken off them not long ago. Pages that were let go since are not taken off twice.
   uint64_t held(uint64_t resident, uint64_t files, pid_t other) {
     if (resident * 4 > options.budget * 3 && looks++ % kLooksPerShares == 0) {
       uint64_t shares = 0;

@@ -51,8 +51,8 @@ class Pager {
   static Result<std::unique_ptr<Pager>> start(PagerOptions options, std::vector<PagedRange> ranges);
   ~Pager();
   PagerStatistics statistics() const;
-  /// Looks now, in the calling thread, unless somebody is at it: for those who take memory faster than a look every
-  /// few milliseconds could follow.
+  /// Looks now, in the calling thread, unless somebody is at it: for those who take memory faster than a look
+  /// every few milliseconds could follow.
   void look();
 
  private:

@@ -36,8 +36,8 @@ class ScratchPlace {
 /// Of texels in one process: an eighth of the budget, 0 without one.
 uint32_t textureKilobytes(const MemoryOptions& options);
 
-/// Holds this process's part of the budget from now on; nullptr without a budget. Nothing may be diced after it
-/// is gone.
+/// Holds this process's part of the budget from now on; nullptr without a budget. Nothing may be diced after
+/// it is gone.
 Result<std::unique_ptr<shm::Pager>> holdBudget(const MemoryOptions& options, cache::SceneCache& cache,
                                                std::function<pid_t()> peer,
                                                std::function<uint64_t(uint64_t)> giveBack);

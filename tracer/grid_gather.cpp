@@ -89,9 +89,12 @@ bool checkGrid(const SceneCache& cache, NodeId id, ObjectId object, const Object
   if (!meshlet) {
     level = std::min(facts.level, std::clamp(int(g.levels), 1, kLevels) - 1);
     while (level > 0 && (g.nu % (1 << level) || g.nv % (1 << level))) --level;
-    // Closed round surfaces of fewer than four segments a turn are flat: nothing would be left of a small sphere.
+    // Closed round surfaces of fewer than four segments a turn are flat: nothing would be left of a small
+    // sphere.
     const PatchNode& node = cache.node(id);
-    const auto segments = [&](uint32_t n, uint8_t depth) { return uint64_t(n >> level) << std::min<int>(depth, 32); };
+    const auto segments = [&](uint32_t n, uint8_t depth) {
+      return uint64_t(n >> level) << std::min<int>(depth, 32);
+    };
     if (cache.skeleton().objects()[object].type <= PrimitiveType::kTorus)
       while (level > 0 && (segments(g.nu, node.du) < 4 || segments(g.nv, node.dv) < 4)) --level;
   }

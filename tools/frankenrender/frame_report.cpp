@@ -120,8 +120,8 @@ std::string FrameReport::text(int frameNumber) const {
   process("ray tracer process", tracerMemory);
   out.line("both (PSS)", "{}", mebibytes(total));
   if (pager)
-    out.line("budget", "{}; at most {} held, {} let go",
-             mebibytes(pager->budget), mebibytes(pager->peak), mebibytes(pager->letGo));
+    out.line("budget", "{}; at most {} held, {} let go", mebibytes(pager->budget), mebibytes(pager->peak),
+             mebibytes(pager->letGo));
   return out.take();
 }
 
