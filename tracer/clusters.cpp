@@ -205,30 +205,30 @@ void Clusters::bounds(const RTCBoundsFunctionArguments* a) {
 
 // Only single-ray queries are made: N is 1, and the context is the first member of a HitFilter.
 
-void Clusters::intersect(const RTCIntersectFunctionNArguments* a) {
-  if (!a->valid[0]) return;
-  const auto& g = *static_cast<const BoxGeometry*>(a->geometryUserPtr);
-  auto& filter = *reinterpret_cast<HitFilter*>(a->context);
-  Cluster& c = *g.clusters[a->primID];
+/// Walks through the tree that the context's ray sees in a box.
+template <class Walk>
+void Clusters::enter(void* geometry, uint32_t box, RTCIntersectContext* context, Walk&& walk) {
+  const auto& g = *static_cast<const BoxGeometry*>(geometry);
+  auto& filter = *reinterpret_cast<HitFilter*>(context);
+  Cluster& c = *g.clusters[box];
   const Tree* tree = g.owner->use(c, g.owner->levelFor(c, *filter.ray));
   if (!tree) return;
   filter.within = &tree->part;
-  rtcIntersect1(tree->part.scene, a->context, reinterpret_cast<RTCRayHit*>(a->rayhit));
+  walk(tree->part.scene);
   filter.within = nullptr;
   HazardSlot::mine().release();
 }
 
+void Clusters::intersect(const RTCIntersectFunctionNArguments* a) {
+  if (!a->valid[0]) return;
+  enter(a->geometryUserPtr, a->primID, a->context,
+        [&](RTCScene scene) { rtcIntersect1(scene, a->context, reinterpret_cast<RTCRayHit*>(a->rayhit)); });
+}
+
 void Clusters::occluded(const RTCOccludedFunctionNArguments* a) {
   if (!a->valid[0]) return;
-  const auto& g = *static_cast<const BoxGeometry*>(a->geometryUserPtr);
-  auto& filter = *reinterpret_cast<HitFilter*>(a->context);
-  Cluster& c = *g.clusters[a->primID];
-  const Tree* tree = g.owner->use(c, g.owner->levelFor(c, *filter.ray));
-  if (!tree) return;
-  filter.within = &tree->part;
-  rtcOccluded1(tree->part.scene, a->context, reinterpret_cast<RTCRay*>(a->ray));
-  filter.within = nullptr;
-  HazardSlot::mine().release();
+  enter(a->geometryUserPtr, a->primID, a->context,
+        [&](RTCScene scene) { rtcOccluded1(scene, a->context, reinterpret_cast<RTCRay*>(a->ray)); });
 }
 
 int Clusters::levelFor(const Cluster& c, const Ray& ray) const {

@@ -35,12 +35,6 @@ struct ClusterItem {
   double micropolygons = 0;  // estimate
 };
 
-struct ClusterStatistics {
-  uint64_t clusters = 0, diced = 0;           // diced: that rays have come near
-  uint64_t built = 0, evicted = 0;            // trees
-  uint64_t raysByLevel[cache::kLevels] = {};  // not counted: kept at zero unless somebody wants them
-};
-
 class Clusters {
  public:
   Clusters(RTCDevice device, cache::SceneCache& cache, std::vector<ObjectFacts> facts,
@@ -59,12 +53,13 @@ class Clusters {
   uint64_t giveBack(uint64_t bytes);
   /// Adds what has been built to the counts of a ray scene.
   void count(RaySceneStatistics& s) const;
-  ClusterStatistics statistics() const;
 
  private:
   struct Tree;
   struct Cluster;
   struct BoxGeometry;
+  template <class Walk>
+  static void enter(void* geometry, uint32_t box, RTCIntersectContext* context, Walk&& walk);
   static void bounds(const RTCBoundsFunctionArguments* a);
   static void intersect(const RTCIntersectFunctionNArguments* a);
   static void occluded(const RTCOccludedFunctionNArguments* a);
