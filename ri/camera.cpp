@@ -50,7 +50,15 @@ Camera makeCamera(const Options& o, TransformPtr worldToCamera, int defaultX, in
 
   const double depth = c.far - c.near;
   DMat4 projection(1);
-  if (o.projection == "perspective") {
+  bool perspective = o.projection == "perspective";
+  const bool known =
+      perspective || o.projection == "orthographic" || o.projection.empty() || o.projection == "null";
+  if (!known) {
+    perspective = o.projectionParams.find("fov") != nullptr;
+    reportWarning(RiError::kUnimplemented, "Projection \"{}\" is not known; {} is used", o.projection,
+                  perspective ? "perspective" : "orthographic");
+  }
+  if (perspective) {
     c.perspective = true;
     c.fov = o.projectionParams.getFloat("fov", 90);
     if (!(c.fov > 0 && c.fov < 180)) {
@@ -64,10 +72,6 @@ Camera makeCamera(const Options& o, TransformPtr worldToCamera, int defaultX, in
     projection[2][3] = 1;
     projection[3][2] = -c.far * c.near / depth;
   } else {
-    if (o.projection != "orthographic" && !o.projection.empty() && o.projection != "null") {
-      reportWarning(RiError::kUnimplemented, "Projection \"{}\" is not known; orthographic is used",
-                    o.projection);
-    }
     projection[2][2] = 1 / depth;
     projection[3][2] = -c.near / depth;
   }

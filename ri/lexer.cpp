@@ -18,11 +18,12 @@ constexpr size_t kBehind = 8;  // bytes behind the window: a 0, and what is read
 
 enum CharClass : uint8_t { kWordChar = 0, kBlank = 1, kDelimiter = 2, kHigh = 3 };
 
-// A NUL byte counts as blank: padded files exist, and it is also the sentinel at the end of the window.
+// A NUL byte counts as blank: padded files exist, and it is also the sentinel at the end of the window. So
+// does 0x1a, which ends files of DOS.
 constexpr std::array<uint8_t, 256> makeClasses() {
   std::array<uint8_t, 256> c{};
   for (int i = 128; i < 256; ++i) c[size_t(i)] = kHigh;
-  for (unsigned char b : {'\0', ' ', '\t', '\n', '\r', '\f', '\v'}) c[b] = kBlank;
+  for (unsigned char b : {'\0', ' ', '\t', '\n', '\r', '\f', '\v', '\x1a'}) c[b] = kBlank;
   for (unsigned char b : {'[', ']', '"', '#'}) c[b] = kDelimiter;
   return c;
 }
@@ -38,6 +39,7 @@ inline uint64_t bytesEqual(uint64_t word, char c) {
 
 inline uint8_t classOf(char c) { return kClass[static_cast<unsigned char>(c)]; }
 inline bool isDigit(char c) { return static_cast<unsigned>(c - '0') < 10u; }
+inline bool isUpper(char c) { return static_cast<unsigned>(c - 'A') < 26u; }
 
 // "1.#INF", "-1.#IND", "1.#QNAN": what some C libraries print. `p` stands on the '#'.
 size_t microsoftNonFinite(const char* p, const char* end) {
@@ -316,7 +318,9 @@ void Lexer::lexNumber() {
   const char* first = *cur_ == '+' ? cur_ + 1 : cur_;
   const auto r = fast_float::from_chars(first, p, number_);
   const bool complete = r.ptr == p && p > first && !(first > cur_ && *first == '-');
-  if (!complete || classOf(*p) == kWordChar) {
+  // "1Rotate": where a line end was lost, the number ends at the next request.
+  const bool requestFollows = complete && p < end_ && isUpper(*p);
+  if (!complete || (classOf(*p) == kWordChar && !requestFollows)) {
     for (;;) {
       while (classOf(*p) == kWordChar) ++p;
       if (p < end_) break;

@@ -83,6 +83,7 @@ TEST(Lexer, NumbersStringsAndWords) {
             "R:Foo I:1 I:-2 I:3 F:1.5 F:-0.5 F:1000 F:2 [ I:1 I:2 ] ");
   EXPECT_EQ(tokens("Sphere\"a\"[\"b\"]"), "R:Sphere S:a [ S:b ] ");
   EXPECT_EQ(tokens("3000000000"), "F:3000000000 ");
+  EXPECT_EQ(tokens("Rotate 0 0 0 1Rotate 1.5\x1a"), "R:Rotate I:0 I:0 I:0 I:1 R:Rotate F:1.5 ");
 }
 
 TEST(Lexer, NotNumbers) {

@@ -103,7 +103,9 @@ Result<void> Reader::readArchive(const std::string& name) {
       folders.push_back(std::filesystem::path(*outer).parent_path().string());
       break;
     }
-  const std::string path = findFile(name, folders);
+  bool moved = false;
+  const std::string path = findMovedFile(name, folders, moved);
+  if (moved) reportWarning(RiError::kNoFile, "archive \"{}\" was not found; {} is read instead", name, path);
   if (path.empty()) {
     return makeError(RiError::kNoFile, "archive \"{}\" was not found in {}", name, fmt::join(folders, ":"));
   }

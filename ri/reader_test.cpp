@@ -422,6 +422,9 @@ class Folder {
 TEST(Reader, ArchiveFilesLoopsAndMissingOnes) {
   const Folder f;
   f.write("main.rib", "Sides 1\nReadArchive \"sub/one.rib\"\nReadArchive \"none.rib\"\nSides 2\n");
+  f.write("moved.rib",
+          "ReadArchive \"/of/another/machine/two.rib\"\nReadArchive \"C:\\\\scenes\\\\two.rib\"\n");
+  f.write("two.rib", "Sides 2\n");
   f.write("sub/one.rib", "Color 1 0 0\n");
   f.write("loop.rib", "Sides 1\nReadArchive \"./loop.rib\"\n");
   ReportCapture reports;
@@ -439,6 +442,11 @@ TEST(Reader, ArchiveFilesLoopsAndMissingOnes) {
   ASSERT_FALSE(none.ok());
   EXPECT_EQ(none.error().code, RiError::kNoFile);
   EXPECT_TRUE(r.readFile(f.path + "/main.rib").ok());  // usable after errors
+  w.flush();
+  rib.clear();
+  EXPECT_TRUE(r.readFile(f.path + "/moved.rib").ok());
+  w.flush();
+  EXPECT_EQ(rib, "Sides 2\nSides 2\n");
 }
 
 TEST(Reader, DeepArchivesStop) {

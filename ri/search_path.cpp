@@ -73,4 +73,19 @@ std::string findFile(std::string_view name, const std::vector<std::string>& fold
   return isFile(file) ? file.string() : std::string();
 }
 
+std::string_view lastPart(std::string_view path) {
+  const size_t slash = path.find_last_of("/\\");
+  return slash == std::string_view::npos ? path : path.substr(slash + 1);
+}
+
+std::string findMovedFile(std::string_view name, const std::vector<std::string>& folders, bool& moved) {
+  std::string found = findFile(name, folders);
+  moved = false;
+  const std::string_view last = lastPart(name);
+  if (!found.empty() || last.size() == name.size()) return found;
+  found = findFile(last, folders);
+  moved = !found.empty();
+  return found;
+}
+
 }  // namespace fr::ri

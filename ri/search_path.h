@@ -16,4 +16,11 @@ std::vector<std::string> parseSearchPath(std::string_view text, const std::vecto
 /// themselves. "" = not found.
 std::string findFile(std::string_view name, const std::vector<std::string>& folders);
 
+/// What follows the last '/' or '\\' of a path: its file, for either system.
+std::string_view lastPart(std::string_view path);
+
+/// As findFile; scenes also name the disks of the machines they were made on: where nothing is found, the
+/// last part of the name is looked for alone, and `moved` tells that it was found so.
+std::string findMovedFile(std::string_view name, const std::vector<std::string>& folders, bool& moved);
+
 }  // namespace fr::ri

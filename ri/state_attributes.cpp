@@ -20,6 +20,13 @@ bool StateRenderer::attributeAllowed(const char* request) {
 std::optional<Color> StateRenderer::toRgb(std::span<const float> c, const char* request) {
   const Options& o = state_.options();
   const size_t n = o.nRgb.empty() ? 3 : o.nRgb.size() / 3;
+  // One number is a grey, a fourth an alpha: what is meant is clear, if not correct.
+  if (o.nRgb.empty() && (c.size() == 1 || c.size() == 4)) {
+    reportOnceHere(RiError::kConsistency, Severity::kWarning,
+                   fmt::format("{}: {} numbers, expected 3; {}", request, c.size(),
+                               c.size() == 1 ? "all three are that one" : "the fourth is ignored"));
+    return c.size() == 1 ? Color(c[0]) : Color(c[0], c[1], c[2]);
+  }
   if (c.size() != n) {
     reportHere(RiError::kConsistency, Severity::kError,
                fmt::format("{}: {} numbers, expected {}; ignored", request, c.size(), n));
@@ -142,9 +149,12 @@ void StateRenderer::illuminate(Handle light, bool on) {
   state_.illuminate(l->index, on);
 }
 
-void StateRenderer::shaderLayer(std::string, std::string, std::string, ParamList) {
+// The last layer is what the others lead to, so it comes nearest to the whole.
+void StateRenderer::shaderLayer(std::string type, std::string name, std::string, ParamList params) {
   reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
-                 "ShaderLayer is ignored: layered shaders are not known");
+                 "ShaderLayer: layered shaders are not known; the last layer is used alone");
+  if (type == "surface") return shader(ShaderKind::kSurface, std::move(name), std::move(params));
+  if (type == "displacement") return shader(ShaderKind::kDisplacement, std::move(name), std::move(params));
 }
 void StateRenderer::connectShaderLayers(std::string, std::string, std::string, std::string, std::string) {
   reportOnceHere(RiError::kUnimplemented, Severity::kWarning,

@@ -256,6 +256,39 @@ TEST(State, ValuesAndSearchPaths) {
   EXPECT_EQ(v.getInt("trace:maxdepth", 7), 7);
 }
 
+TEST(State, ColoursOfOneAndFourNumbersAreMeantWell) {
+  Scene s;
+  s.read("WorldBegin Color [1 .5 .25 1] Opacity .5 Sphere 1 -1 1 360 Color [1 0] Sphere 1 -1 1 360 WorldEnd");
+  ASSERT_EQ(s.primitives.size(), 2u);
+  EXPECT_EQ(s.primitives[0].attributes->color, Color(1, .5, .25));
+  EXPECT_EQ(s.primitives[0].attributes->opacity, Color(.5));
+  EXPECT_EQ(s.primitives[1].attributes->color, Color(1, .5, .25));
+  EXPECT_EQ(s.reports.count(RiError::kConsistency), 3);
+}
+
+TEST(State, TheLastLayerIsTheShader) {
+  Scene s;
+  s.read(
+      "WorldBegin ShaderLayer \"surface\" \"checker\" \"a\" ShaderLayer \"surface\" \"matte\" \"b\" \"Kd\" "
+      ".5 "
+      "ConnectShaderLayers \"surface\" \"a\" \"Ci\" \"b\" \"Cs\" Sphere 1 -1 1 360 WorldEnd");
+  ASSERT_EQ(s.primitives.size(), 1u);
+  EXPECT_EQ(s.primitives[0].attributes->surface->name, "matte");
+  EXPECT_FLOAT_EQ(s.primitives[0].attributes->surface->params.getFloat("Kd", 0), 0.5f);
+}
+
+TEST(Camera, UnknownProjectionsWithAnAngleArePerspective) {
+  Scene s;
+  s.read(
+      "Projection \"PxrCamera\" \"float fov\" 60 WorldBegin WorldEnd Projection \"fish\" WorldBegin "
+      "WorldEnd");
+  ASSERT_EQ(s.cameras.size(), 2u);
+  EXPECT_TRUE(s.cameras[0].perspective);
+  EXPECT_FLOAT_EQ(float(s.cameras[0].fov), 60);
+  EXPECT_FALSE(s.cameras[1].perspective);
+  EXPECT_EQ(s.reports.count(RiError::kUnimplemented), 2);
+}
+
 TEST(State, ConditionsSeeUserAttributes) {
   Scene s;
   s.read(

@@ -84,7 +84,7 @@ void addArithmetic(KernelTable& t) {
   FR_UNARY(ceil, vceil(x));
   FR_UNARY(round, copySign(vfloor(vabs(x) + 0.5f), x));
   FR_BINARY(step, select(y < x, V{}, splat(1.0f)));
-  FR_KERNEL(slot(Op::clamp_f), 4, store(a[0], i, vmin(vmax(load(a[1], i), load(a[2], i)), load(a[3], i))));
+  FR_KERNEL(slot(Op::clamp_f), 4, store(a[0], i, vmax(vmin(load(a[1], i), load(a[3], i)), load(a[2], i))));
   FR_KERNEL(slot(Op::mix_f), 4, const V m = load(a[3], i);
             store(a[0], i, load(a[1], i) * (1.0f - m) + load(a[2], i) * m));
   FR_KERNEL(slot(Op::smoothstep), 4, const V lo = load(a[1], i); const V hi = load(a[2], i);
@@ -114,7 +114,7 @@ void addArithmetic(KernelTable& t) {
   FR_KERNEL(slot(Op::clamp_t), 4, const V3 x = load3(a[1], i); const V3 lo = load3(a[2], i);
             const V3 hi = load3(a[3], i);
             store3(a[0], i,
-                   {vmin(vmax(x.x, lo.x), hi.x), vmin(vmax(x.y, lo.y), hi.y), vmin(vmax(x.z, lo.z), hi.z)}));
+                   {vmax(vmin(x.x, hi.x), lo.x), vmax(vmin(x.y, hi.y), lo.y), vmax(vmin(x.z, hi.z), lo.z)}));
   FR_KERNEL(slot(Op::mix_t), 4, const V m = load(a[3], i);
             store3(a[0], i, add(scale(load3(a[1], i), 1.0f - m), scale(load3(a[2], i), m))));
   FR_KERNEL(

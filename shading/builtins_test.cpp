@@ -120,6 +120,7 @@ std::vector<Builtin> builtins() {
        },
        0},
       {"clamp(a, -.5, .5)", [](G g) { return all(clamped(g.a, -.5, .5)); }, 0},
+      {"clamp(a, .5, -.5)", [](G) { return all(.5); }, 0},
       {"clamp(A, B, B + 1)",
        [](G g) {
          Numbers r;

@@ -507,6 +507,17 @@ Value Lower::textureCall(const Builtin& b, const Expr& e, SlType result) {
   const bool color = isTriple(result) && !bump;
   if (bump && (n == 3 || n == 5)) {
     if (!triples(3) || !(n == 5 ? floats(2) : surfaceCoordinates())) return {};
+  } else if (bump && n == 11) {
+    // Four corners: their middle, filtered by how that moves.
+    if (!triples(3) || !floats(8)) return {};
+    std::vector<uint32_t> corners(in.end() - 8, in.end());
+    in.resize(in.size() - 8);
+    at(e.place);
+    for (size_t c = 0; c < 2; ++c) {
+      uint32_t sum = corners[c];
+      for (size_t i = 2; i < 8; i += 2) sum = b_.result(Op::add_f, SlType::kFloat, {sum, corners[i + c]});
+      in.push_back(b_.result(Op::mul_f, SlType::kFloat, {sum, b_.constantFloat(0.25f)}));
+    }
   } else if (texture && n == 0) {
     if (!surfaceCoordinates()) return {};
   } else if (texture && n == 2) {
@@ -524,7 +535,7 @@ Value Lower::textureCall(const Builtin& b, const Expr& e, SlType result) {
   } else {
     error(e.place, fmt::format("'{}' does not take {} coordinates", e.text, n),
           texture ? "none, s and t, or four pairs"
-          : bump  ? "N, dPdu, dPdv [, s, t]"
+          : bump  ? "N, dPdu, dPdv, then none, s and t, or four pairs"
                   : "one or four");
     return {};
   }

@@ -10,7 +10,7 @@ enum Access : uint8_t { kNo, kRead, kWrite, kInLights, kInLightStatement };
 
 /// RISpec 3.2.1 tables 12.1-12.5, with what real shaders rely on: surface shaders may move P for their own
 /// use, and every shader may read the state of the point it runs on. N, s and t may be written wherever they
-/// can be read.
+/// can be read, and lights may turn L.
 Access accessOf(GlobalId id, ShaderType type) {
   const bool surface = type == ShaderType::kSurface, light = type == ShaderType::kLight,
              displacement = type == ShaderType::kDisplacement || type == ShaderType::kTransformation,
@@ -175,14 +175,14 @@ bool Lower::useGlobal(Binding& b, const SourcePlace& place, bool write) {
     error(place, fmt::format("'{}' does not exist in a {} shader", info.name, shaderTypeName(type_)));
     return false;
   }
-  if (write && (access == kRead || access == kInLights || access == kInLightStatement)) {
+  if (write && (access == kRead || access == kInLights)) {
     error(place, fmt::format("'{}' cannot be changed in a {} shader", info.name, shaderTypeName(type_)),
           "copy it into a variable of your own");
     return false;
   }
   if (access == kInLights && lightDepth_ == 0)
     warn(place, fmt::format("'{}' has a value only inside 'illuminance'", info.name), "", Lint::kNone);
-  if (access == kInLightStatement && lightDepth_ == 0)
+  if (access == kInLightStatement && lightDepth_ == 0 && !write)
     warn(place, fmt::format("'{}' has a value only inside 'illuminate' or 'solar'", info.name), "",
          Lint::kNone);
   if (b.symbol == kNoIndex) b.symbol = b_.global(b.global);

@@ -180,6 +180,10 @@ void Machine::collectLight(LightState& l, const int32_t* need) {
   } else {
     for (uint32_t c = 0; c < 3; ++c) std::fill_n(l.Ol.comp(c), n, 1.0f);
   }
+  // A light that sets L itself shines along that, whatever its illuminate or solar has said.
+  const Operand L = l.frame.global(GlobalId::k_L);
+  if (L.data && (l.instance->program().writesGlobals & globalBit(GlobalId::k_L)) != 0)
+    runHelper(Helper::assignTripleMasked, {l.L, L}, n, l.frame.lit);
   for (uint32_t i = 0; i < n; ++i) l.lit[i] = need[i] ? l.frame.lit[i] : l.lit[i];
   runHelper(Helper::maskAndNot, {maskOperand(l.shadowed, n), maskOperand(l.shadowed, n), needed}, n);
   runHelper(Helper::maskOr, {evaluated, evaluated, needed}, n);

@@ -121,6 +121,27 @@ TEST_F(MachineTest, LightLoopsUnderMasks) {
   }
 }
 
+TEST_F(MachineTest, LightsMayTurnL) {
+  // From a point, but along an axis: parallel rays. An ambient light has no direction to turn.
+  for (const bool native : {false, true}) {
+    f.native = native;
+    const auto light = f.shader(
+        "light l() { illuminate (point (0, 0, -5)) { Cl = length(L); if (Ps . Ps >= 0) L = vector (0, 0, 3); "
+        "} }");
+    const auto ambient = f.shader("light a() { L = 0; Cl = .5; }");
+    const auto s = f.shader(
+        "surface t() { illuminance (P) { Ci += color (xcomp(L), ycomp(L), zcomp(L)); Oi = Cl; } Ci += "
+        "ambient(); }");
+    ASSERT_TRUE(light && ambient && s) << f.error;
+    f.run(*s, {light.get(), ambient.get()});
+    for (uint32_t i = 0; i < f.count; ++i) {
+      EXPECT_EQ(f.Ci(i, 0), 0.5f);
+      EXPECT_EQ(f.Ci(i, 1), 0.5f);
+      EXPECT_EQ(f.Ci(i, 2), -2.5f);
+    }
+  }
+}
+
 TEST_F(MachineTest, Loops) {
   expect("float i; for (i = 0; i < 5; i += 1) r += i;", [](double, double) { return 10; });
   expect("float i = 0; while (i < u * 8) { r += 1; i += 1; }",

@@ -98,7 +98,7 @@ bool foldFloat(Op op, std::span<const float* const> in, float& r) {
       r = std::max(a, b);
       return true;
     case Op::clamp_f:
-      r = std::min(std::max(a, b), c);
+      r = std::max(std::min(a, c), b);
       return true;
     case Op::mix_f:
       r = a * (1 - c) + b * c;

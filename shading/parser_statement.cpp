@@ -49,11 +49,15 @@ Stmt* Parser::statement() {
   if (options_.prelude && t.kind == TokenKind::kIdentifier && t.text == "__ambientlights")
     return lightStatement();
 
+  // The result of a function may be called uniform or varying: it is what comes out.
   SlType type = SlType::kVoid;
-  const bool functionFollows = typeOf(t, type) && peek(1).kind == TokenKind::kIdentifier && peek(2).is("(");
+  const size_t k = t.is("uniform") || t.is("varying") ? 1 : 0;
+  const bool functionFollows =
+      typeOf(peek(k), type) && peek(k + 1).kind == TokenKind::kIdentifier && peek(k + 2).is("(");
   if (functionFollows || looksLikeFunction()) {
     SlType result = SlType::kFloat;
     const SourcePlace place = t.place;
+    if (k) take();
     if (functionFollows) {
       result = type;
       take();

@@ -33,6 +33,13 @@ color diffuse(normal N; float angle) {
   }
   return sum;
 }
+normal shadingnormal(normal N) {
+  extern vector I;
+  float sides = 2;
+  attribute("Sides", sides);
+  normal n = normalize(N);
+  return sides == 2 ? faceforward(n, I) : n;
+}
 float __exponent(float roughness) {
   return (__prmanspecular != 0 ? 8 : 1) / max(roughness, 1e-4);
 }

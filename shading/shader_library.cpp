@@ -99,6 +99,15 @@ ShaderLibrary::Found ShaderLibrary::load(const std::string& name) {
     Found f = tryFolder(stem, exists);
     if (exists) return f;
   }
+  // Scenes name the folders of the machines they were made on.
+  if (const size_t slash = name.find_last_of("/\\"); slash != std::string::npos && slash + 1 < name.size()) {
+    const std::string last = name.substr(slash + 1);
+    if (Found f = load(last); f || f.error().code != RiError::kNoShader) {
+      reportWarning(RiError::kNoShader, "there is no shader '{}'; '{}' of the search path is used instead",
+                    name, last);
+      return f;
+    }
+  }
   std::string where;
   for (const std::string& folder : options_.folders) where += (where.empty() ? "" : ":") + folder;
   return makeError(RiError::kNoShader, "there is no shader '{}' (searched: {}{}the standard shaders)", name,

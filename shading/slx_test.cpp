@@ -141,6 +141,10 @@ TEST(ShaderLibrary, FindsCompilesAndNoticesStaleFiles) {
     EXPECT_EQ(library.statistics().compiled, 1u);
     EXPECT_TRUE(fs::exists(folder + "/mine.slx"));
     EXPECT_TRUE(library.find("matte").ok());
+    // The folders of another machine.
+    EXPECT_TRUE(library.find("/usr/somebody/shaders/mine").ok());
+    EXPECT_TRUE(library.find("D:\\work\\shaders\\mine.sl").ok());
+    EXPECT_FALSE(library.find("/usr/somebody/shaders/nothere").ok());
     auto none = library.find("nothere");
     ASSERT_FALSE(none.ok());
     EXPECT_EQ(none.error().code, RiError::kNoShader);

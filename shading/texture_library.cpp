@@ -90,7 +90,14 @@ void TextureLibrary::load(Texture& t) const {
     reportOnce("texture.", makeError(RiError::kNoFile, "a shader looks up a texture without a name"));
     return;
   }
-  const std::string path = ri::findFile(t.name, options_.folders);
+  bool moved = false;
+  const std::string path = ri::findMovedFile(t.name, options_.folders, moved);
+  if (moved)
+    reportOnce("texture." + t.name,
+               Error{RiError::kNoFile,
+                     Severity::kWarning,
+                     {},
+                     fmt::format("there is no texture \"{}\"; {} is used instead", t.name, path)});
   if (path.empty()) {
     std::string searched;
     for (const std::string& f : options_.folders) searched += (searched.empty() ? "" : ":") + f;
