@@ -37,8 +37,10 @@ normal shadingnormal(normal N) {
   extern vector I;
   float sides = 2;
   attribute("Sides", sides);
+  float depth = 0;
+  rayinfo("depth", depth);
   normal n = normalize(N);
-  return sides == 2 ? faceforward(n, I) : n;
+  return sides == 2 || depth > 0 ? faceforward(n, I, n) : n;
 }
 float __exponent(float roughness) {
   return (__prmanspecular != 0 ? 8 : 1) / max(roughness, 1e-4);
