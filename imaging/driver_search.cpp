@@ -28,12 +28,12 @@ bool hasDriver(const std::string& name, const std::vector<std::string>& searchPa
 
 using Names = std::pair<std::string_view, std::string_view>;
 /// Extensions and display types of files, and OpenImageIO's name for the format.
-constexpr std::array<Names, 22> kFormats = {{
+constexpr std::array<Names, 25> kFormats = {{
     {"exr", "openexr"}, {"openexr", "openexr"}, {"tif", "tiff"},  {"tiff", "tiff"}, {"tx", "tiff"},
     {"png", "png"},     {"jpg", "jpeg"},        {"jpeg", "jpeg"}, {"tga", "targa"}, {"targa", "targa"},
     {"bmp", "bmp"},     {"hdr", "hdr"},         {"rgbe", "hdr"},  {"ppm", "pnm"},   {"pgm", "pnm"},
     {"pnm", "pnm"},     {"sgi", "sgi"},         {"rla", "rla"},   {"dpx", "dpx"},   {"jp2", "jpeg2000"},
-    {"webp", "webp"},   {"pfm", "pnm"},
+    {"webp", "webp"},   {"pfm", "pnm"},         {"gif", "gif"},   {"iff", "iff"},   {"rgb", "sgi"},
 }};
 constexpr std::array<std::string_view, 4> kDepthTypes = {"zfile", "z", "shadow", "deepshad"};
 constexpr std::array<std::string_view, 9> kWindowTypes = {"framebuffer", "it",           "x11",
@@ -55,6 +55,19 @@ std::string extensionOf(const std::string& path) {
   return e;
 }
 
+/// Display type "null": the image goes nowhere.
+const FrDisplayDriver kNullDriver = {
+    FR_DISPLAY_ABI,
+    0,
+    1u << FR_DISPLAY_U8 | 1u << FR_DISPLAY_U16 | 1u << FR_DISPLAY_U32 | 1u << FR_DISPLAY_FLOAT,
+    [](const FrDisplayImage*, void** handle, char*, size_t) {
+      static char nothing;
+      *handle = &nothing;
+      return 0;
+    },
+    [](void*, int, int, int, int, const void*, size_t, char*, size_t) { return 0; },
+    [](void*, int, char*, size_t) { return 0; }};
+
 void addList(std::vector<std::string>& to, const char* list) {
   if (!list) return;
   std::string_view rest = list;
@@ -74,6 +87,10 @@ DisplayTarget resolveDisplayType(const std::string& type, const std::string& nam
   const auto isOneOf = [&](const auto& list) {
     return std::find(list.begin(), list.end(), type) != list.end();
   };
+  if (type == "null") {
+    t.driver = type;
+    return t;
+  }
   t.isDepth = isOneOf(kDepthTypes) || type == "zframebuffer";
   std::string format(formatNamed(type));
   if (format.empty()) {
@@ -113,6 +130,7 @@ Result<const FrDisplayDriver*> openDisplayDriver(const std::string& name,
                                                  const std::vector<std::string>& searchPath) {
   if (name.empty() || name.find('/') != std::string::npos)
     return makeError(RiError::kNoFile, "\"{}\" cannot be the name of a display driver", name);
+  if (name == "null") return &kNullDriver;
   static std::mutex mutex;
   static std::map<std::string, const FrDisplayDriver*> open;
   const std::lock_guard lock(mutex);

@@ -100,6 +100,33 @@ TEST_F(FrameOutputTest, SeveralDisplaysWithOwnQuantisers) {
   EXPECT_TRUE(messages_.empty()) << messages_[0];
 }
 
+TEST_F(FrameOutputTest, FormatsWithoutAlphaTakeTheColour) {
+  FrameGeometry g{4, 3, {0, 0, 4, 3}, 1.0f, {}};
+  DisplayRequest ppm{path("a.ppm"), "file", "rgba", {}, {255, 0, 255, 0}, {}, {}};
+  DisplayRequest hdr{path("a.hdr"), "file", "rgba", {}, {}, {}, {}};
+  FrameOutput out(g, {ppm, hdr}, displaySearchPath({}));
+  ASSERT_TRUE(out.open()) << messages_.front();
+  FilmTile tile = rampTile({0, 0, 4, 3}, 5);
+  for (float& v : tile.channels[0]) v = 0.2f;
+  out.addTile(tile);
+  ASSERT_TRUE(out.finish());
+  const std::string pixels = readAll(path("a.ppm"));
+  ASSERT_GE(pixels.size(), 36u);
+  for (size_t i = 0; i < 12; ++i)
+    EXPECT_EQ(pixels.substr(pixels.size() - 36 + 3 * i, 3), "\x33\xff\xff") << i;
+  EXPECT_EQ(readAll(path("a.hdr")).substr(0, 2), "#?");
+}
+
+TEST_F(FrameOutputTest, NullDisplaysWriteNothingAndSayNothing) {
+  FrameGeometry g{4, 3, {0, 0, 4, 3}, 1.0f, {}};
+  FrameOutput out(g, {{path("a.tif"), "null", "rgba", {}, {255, 0, 255, 0}, {}, {}}}, displaySearchPath({}));
+  ASSERT_TRUE(out.open());
+  out.addTile(rampTile({0, 0, 4, 3}, 5));
+  ASSERT_TRUE(out.finish());
+  EXPECT_EQ(filesLeft(), 0u);
+  EXPECT_TRUE(messages_.empty());
+}
+
 TEST_F(FrameOutputTest, UnwritableFolderIsOneClearErrorAndTheOthersGoOn) {
   FrameGeometry g{16, 8, {0, 0, 16, 8}, 1.0f, {}};
   DisplayRequest bad{path("nosuchfolder/a.exr"), "openexr", "rgba", {}, {}, {}, {}};

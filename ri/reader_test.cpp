@@ -43,13 +43,15 @@ TEST(Reader, ValuesWithAndWithoutBrackets) {
       "Sphere 1 -1 1 360\nSphere [1 -1 1 360]\nSurface \"matte\" \"Ka\" .5 \"Kd\" [.25]\n"
       "Surface \"paintedplastic\" \"texturename\" \"a.tx\"\nColor 1 0 0\nColor [1 0 0]\nScreenWindow [-1 1 "
       "-1 1]\n"
-      "Hyperboloid 0 0 0 1 1 1 360\nHyperboloid [0 0 0 1 1 1 360]");
+      "Hyperboloid 0 0 0 1 1 1 360\nHyperboloid [0 0 0 1 1 1 360]\nQuantize \"rgba\" [255 0 255 0.5]\n"
+      "version \"3.03\"");
   EXPECT_EQ(
       p->rib,
       "Sphere 1 -1 1 360\nSphere 1 -1 1 360\n"
       "Surface \"matte\" \"uniform float Ka\" [0.5] \"uniform float Kd\" [0.25]\n"
       "Surface \"paintedplastic\" \"uniform string texturename\" [\"a.tx\"]\nColor [1 0 0]\nColor [1 0 0]\n"
-      "ScreenWindow -1 1 -1 1\nHyperboloid 0 0 0 1 1 1 360\nHyperboloid 0 0 0 1 1 1 360\n");
+      "ScreenWindow -1 1 -1 1\nHyperboloid 0 0 0 1 1 1 360\nHyperboloid 0 0 0 1 1 1 360\n"
+      "Quantize \"rgba\" 255 0 255 0.5\nversion 3.03\n");
   EXPECT_TRUE(p->reports.errors.empty()) << p->reports.str();
 }
 

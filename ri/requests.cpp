@@ -1,6 +1,8 @@
 // The signature of every request: which arguments its RIB form has, and the call they become.
 #include <algorithm>
 #include <array>
+#include <charconv>
+#include <cmath>
 #include <unordered_map>
 
 #include "ri/request_parser.h"
@@ -265,7 +267,13 @@ void errorHandler(P& p) {
 }
 
 void version(P& p) {
-  const double v = p.number();
+  double v = 0;
+  if (p.atString()) {
+    const std::string text = p.string();
+    std::from_chars(text.data(), text.data() + text.size(), v);
+  } else {
+    v = p.number();
+  }
   if (p.ok() && !(v >= 3 && v < 4)) p.warn(RiError::kVersion, fmt::format("version {} is read as 3.04", v));
   if (p.ok()) p.renderer().version(v);
 }
@@ -388,8 +396,10 @@ const Entry kRequests[] = {
     {"Exposure", [](P& p) { const auto a = take<2>(p); if (p.ok()) p.renderer().exposure(a[0], a[1]); }},
     {"Imager", shaderRequest<ShaderKind::kImager>},
     {"Quantize", [](P& p) {
-       std::string s = p.string(); const int one = p.integer(), lo = p.integer(), hi = p.integer(); const double d = p.number();
-       if (p.ok()) p.renderer().quantize(std::move(s), one, lo, hi, d); }},
+       std::string s = p.string(); const auto a = take<4>(p);
+       for (size_t i = 0; i < 3; ++i)
+         if (a[i] != std::floor(a[i]) || std::abs(a[i]) > 2147483647.0) p.fail(RiError::kSyntax, fmt::format("an integer is expected, not {}", a[i]));
+       if (p.ok()) p.renderer().quantize(std::move(s), int(a[0]), int(a[1]), int(a[2]), a[3]); }},
     {"Display", display},
     {"DisplayChannel", [](P& p) { std::string s = p.string(); ParamList l = p.params("Display"); if (p.ok()) p.renderer().displayChannel(std::move(s), std::move(l)); }},
     {"Hider", [](P& p) { std::string s = p.string(); ParamList l = p.params("Hider"); if (p.ok()) p.renderer().hider(std::move(s), std::move(l)); }},

@@ -118,6 +118,7 @@ constexpr Builtin kBuiltins[] = {
     {"ntransform", "n", "mt", Op::transform_n, Lowering::kTransform, 2},
     {"ntransform", "n", "smt", Op::transform_n, Lowering::kTransform, 2},
     {"occlusion", "f", "ttf*", Op::occlusion},
+    {"occlusion", "f", "sttf*", Op::occlusion, Lowering::kOcclusionMap},
     {"opposite", "f", "s!", Op::msg_opposite},
     {"option", "f", "s!", Op::get_option},
     {"photonmap", "c", "st*", Op::photonmap, Lowering::kPhotonMap},

@@ -23,10 +23,11 @@ enum class Lowering : uint8_t {
   kCTransform,
   kAverage,  // float of a color operation
   kSpline,
-  kTexture,    // texture, environment, shadow, bump
-  kPhotonMap,  // N = 0 when not given
-  kIsOutput,  // a variable stands for its name
-  kGetVar,    // the shader that is asked: null, or a string
+  kTexture,       // texture, environment, shadow, bump
+  kPhotonMap,     // N = 0 when not given
+  kOcclusionMap,  // a map in front is not read: rays are traced
+  kIsOutput,      // a variable stands for its name
+  kGetVar,        // the shader that is asked: null, or a string
 };
 
 /// Characters of `result`: f m s; c p v n; x nothing; t any triple the context wants; T type of the T

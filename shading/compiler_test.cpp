@@ -210,6 +210,7 @@ TEST(Preprocessor, WhatOtherProgramsLeave) {
   EXPECT_EQ(
       messages("#define SUM(a, b) \\  \r\n  ((a) + \\\t\r\n  (b))\r\nsurface a() { Ci = SUM(1, 2); }\r\n"),
       "");
+  EXPECT_EQ(messages("#ident \"$Id: a.sl 1.2 $\"\nsurface a() { Ci = x; }"), "2:20 unknown variable 'x'\n");
   EXPECT_EQ(messages("#if 0\ndon't \"look\n#endif\nsurface a() { Ci = 1; }"), "");
   EXPECT_EQ(messages("surface a() { Ci = 1;\n /* \" */ /* open\n }"), "2:10 comment without an end\n");
   EXPECT_EQ(messages("#ifdef A\n#endif\n #if 1\nsurface a() { Ci = 1; }\n").substr(0, 35),

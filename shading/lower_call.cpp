@@ -382,6 +382,9 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
       storeOutputs(outputs);
       return {b_.result(Op::average_t, result, {c}), result};
     }
+    case Lowering::kOcclusionMap:
+      warn(e.place, "occlusion maps are not read: rays are traced instead", "", Lint::kNone);
+      return {b_.result(b.op, result, {in.begin() + 1, in.end()}), result};
     case Lowering::kPhotonMap: {
       const float zero[3] = {0, 0, 0};
       in.insert(in.begin() + 2, b_.constantFloats(SlType::kNormal, zero));

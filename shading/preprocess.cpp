@@ -129,7 +129,8 @@ thread_local RunState* tRun = nullptr;
 
 struct LimitReached : std::exception {};
 
-/// `# 12 "file" flags`, which compilers' own preprocessors leave, is `#line 12 "file"`.
+/// `# 12 "file" flags`, which compilers' own preprocessors leave, is `#line 12 "file"`; `#ident "version"` is
+/// nothing.
 std::string withLineDirectives(const std::string& t) {
   std::string r;
   r.reserve(t.size());
@@ -142,7 +143,8 @@ std::string withLineDirectives(const std::string& t) {
       const size_t quote = line.rfind('"');
       r += "#line ";
       r += quote == std::string_view::npos ? line : line.substr(0, quote + 1);
-    } else {
+    } else if (number >= end ||
+               !(t.compare(number, 6, "ident ") == 0 || t.compare(number, 5, "sccs ") == 0)) {
       r.append(t, i, end - i);
     }
     if (end < t.size()) r += '\n';

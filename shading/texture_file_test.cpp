@@ -1,6 +1,7 @@
 // Files: where they are found, what is made of them, and what bad ones do.
 #include <cmath>
 #include <csignal>
+#include <limits>
 
 #include "shading/texture_fixture.h"
 
@@ -79,7 +80,8 @@ TEST_F(TextureFile, TruncatedFilesGiveWhatTheyHaveAndOneError) {
       for (int k = 0; k < 3; ++k) {
         grid(15, 15);
         run("float texture(\"" + cut + "\", s, t)");
-        for (uint32_t i = 0; i < f.count; ++i) ASSERT_TRUE(std::isfinite(f.Ci(i)));
+        for (uint32_t i = 0; i < f.count; ++i)
+          ASSERT_TRUE(std::isfinite(f.Ci(i))) << cut << " " << k << " " << i << " " << f.Ci(i);
       }
       EXPECT_LE(errors.size(), before + 1) << cut;
       // OpenImageIO's TIFF reader takes missing strips for zeros without a word; the others tell.
@@ -88,6 +90,17 @@ TEST_F(TextureFile, TruncatedFilesGiveWhatTheyHaveAndOneError) {
       }
     }
   }
+}
+
+TEST_F(TextureFile, TexelsThatAreNoNumbersStayInTheFile) {
+  picture("holes.exr", 8, 8, 1, [](int x, int y, int) {
+    return x < 4   ? std::numeric_limits<float>::quiet_NaN()
+           : y < 4 ? std::numeric_limits<float>::infinity()
+                   : 0.5f;
+  });
+  for (const char* call : {"float texture(\"holes.exr\", .2, .5)", "float texture(\"holes.exr\", .8, .2)",
+                           "float environment(\"holes.exr\", vector(0, -1, 0))"})
+    EXPECT_TRUE(std::isfinite(value(call).x)) << call;
 }
 
 TEST_F(TextureFile, PlainFilesAreTexturesToo) {

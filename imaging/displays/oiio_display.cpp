@@ -15,6 +15,7 @@ struct OiioImage {
   OIIO::TypeDesc type;
   int originX = 0, originY = 0;
   int rowsWritten = 0, height = 0;
+  OIIO::stride_t pixelBytes = OIIO::AutoStride;  // more than the file's channels where alpha is left out
 };
 
 OIIO::TypeDesc typeOf(int format) {
@@ -53,8 +54,15 @@ int openOiio(const FrDisplayImage* image, void** handle, char* message, size_t s
     file->type = typeOf(image->format);
     OIIO::ImageSpec spec(image->width, image->height, image->channelCount, file->type);
     spec.channelnames.assign(image->channelNames, image->channelNames + image->channelCount);
+    // HDR and PNM hold no alpha: colour alone is better than no image.
+    if ((spec.nchannels == 2 || spec.nchannels == 4) && spec.channelnames.back() == "A" &&
+        !file->out->supports("alpha")) {
+      file->pixelBytes = OIIO::stride_t(spec.pixel_bytes());
+      spec.channelnames.pop_back();
+      --spec.nchannels;
+    }
     spec.alpha_channel = spec.z_channel = -1;
-    for (int c = 0; c < image->channelCount; ++c) {
+    for (int c = 0; c < spec.nchannels; ++c) {
       if (spec.channelnames[size_t(c)] == "A") spec.alpha_channel = c;
       if (spec.channelnames[size_t(c)] == "Z") spec.z_channel = c;
     }
@@ -78,7 +86,7 @@ int writeOiio(void* handle, int, int y, int, int height, const void* pixels, siz
   return fr::display::guarded(message, size, [&]() -> std::string {
     OiioImage& file = *static_cast<OiioImage*>(handle);
     const int first = y + file.originY;
-    if (!file.out->write_scanlines(first, first + height, 0, file.type, pixels, OIIO::AutoStride,
+    if (!file.out->write_scanlines(first, first + height, 0, file.type, pixels, file.pixelBytes,
                                    OIIO::stride_t(rowBytes)))
       return file.out->geterror();
     file.rowsWritten += height;

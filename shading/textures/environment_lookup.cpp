@@ -204,7 +204,8 @@ std::string lookUpEnvironment(FrTextureFile& file, const FrTextureCall& call) {
       }
     }
     for (int c = 0; c < call.channelCount; ++c)
-      call.result[size_t(c) * call.resultStride + i] = all.sum[all.channels.grey ? 0 : c];
+      call.result[size_t(c) * call.resultStride + i] =
+          bounded(all.sum[all.channels.grey ? 0 : c], kBrightest);
   }
   file.textures->lookups.fetch_add(all.count, std::memory_order_relaxed);
   if (!all.failed) return "";

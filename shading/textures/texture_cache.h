@@ -65,6 +65,8 @@ inline float at(const FrLanes& l, uint32_t lane) { return l.data ? l.data[lane &
 inline float bounded(float x, float limit) {
   return x >= -limit ? (x <= limit ? x : limit) : x < 0 ? -limit : 0.0f;
 }
+/// What a map gives at most: files that are cut short or hold NaN must not reach the picture.
+constexpr float kBrightest = 1e30f;
 /// A place on a map and its changes to the neighbours: the filter.
 struct Footprint {
   float s = 0, t = 0, dsdx = 0, dtdx = 0, dsdy = 0, dtdy = 0;

@@ -60,8 +60,9 @@ std::string lookUpTexture(FrTextureFile& file, const FrTextureCall& call) {
     ++count;
     float* const to = call.result + i;
     for (int c = 0; c < call.channelCount; ++c)
-      to[size_t(c) * call.resultStride] = texel[channels.grey ? 0 : std::min(c, 3)];
-    if (sloped) call.slope[0][i] = bySide[0], call.slope[1][i] = byHeight[0];
+      to[size_t(c) * call.resultStride] = bounded(texel[channels.grey ? 0 : std::min(c, 3)], kBrightest);
+    if (sloped)
+      call.slope[0][i] = bounded(bySide[0], kBrightest), call.slope[1][i] = bounded(byHeight[0], kBrightest);
   }
   file.textures->lookups.fetch_add(count, std::memory_order_relaxed);
   if (!failed) return "";
