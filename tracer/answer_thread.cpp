@@ -265,12 +265,11 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, c
   r.mask = mask;
   r.chance = chanceOf(asked);
   r.radius = p.radius, r.spread = std::max(0.0f, p.spread);
+  r.origin = p.askedOrigin;
   if (at.terms.flags & RayTerms::kHasBias)
-    r.departure.nearDistance = at.terms.bias;
+    r.departure.nearDistance = r.nearDistance = at.terms.bias;
   else
-    r.departure = scene->departure(asked.node, r.direction, asked.normal);
-  r.origin = p.askedOrigin + r.departure.lift;
-  r.nearDistance = r.departure.nearDistance;
+    scene->leave(r, asked.node, asked.normal);
   if (at.limited) r.seen = at.seen.data();
   if (at.terms.flags & RayTerms::kFrontOnly) r.side = 1;
   if (at.terms.flags & RayTerms::kBackOnly) r.side = -1;

@@ -55,9 +55,6 @@ struct Clusters::BoxGeometry {
 
 namespace {
 
-/// How much of a footprint's radius the traced surface may be off.
-constexpr float kHiddenDeviation = 0.25f;
-
 /// The surface of a box around things that stand close together, in those of their own boxes.
 constexpr double kLoose = 2;
 /// About as many clusters may be made of what stands apart.

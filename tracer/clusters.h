@@ -37,6 +37,9 @@ struct ClusterItem {
 
 class Clusters {
  public:
+  /// How much of a footprint's radius the traced surface may be off.
+  static constexpr float kHiddenDeviation = 0.25f;
+
   Clusters(RTCDevice device, cache::SceneCache& cache, std::vector<ObjectFacts> facts,
            EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes);
   ~Clusters();

@@ -40,6 +40,13 @@ struct Candidate {
   float rounding;        // of positions here
 };
 
+/// What a facet of the surface that a ray leaves is to the ray.
+enum class Leaving {
+  kNo,       // not the place that it leaves: a hit like any other
+  kEmerges,  // the start was under this facet
+  kDips      // the ray was over the surface and runs under this facet
+};
+
 /// Sees every candidate that Embree finds before it counts as a hit. The context is the first member, so
 /// Embree's pointer to it is a pointer to this.
 struct HitFilter {
@@ -49,7 +56,14 @@ struct HitFilter {
   bool onlyOpaque;
   bool sawFiltered = false;
   const TracedPart* within = nullptr;  // the cluster's tree that is being walked through
+  /// Asks for the nearest facet of the surface that is left alone, crossed in the sense of leaving.
+  bool probing = false;
+  float sense = 1;  // probing: along the oriented normals, or -1
   Hit best;
+  /// The last places where the ray came out of the surface that it leaves, and where it went under it again.
+  /// Facets are found in any order.
+  float emerged = -kInfinity;
+  Candidate dip{-kInfinity, cache::kNone, 0, 0, 0, 0, 0, Vec3(0), 0, 0};
 
   HitFilter(const RayScene* s, const Ray* r, bool opaque = false) : scene(s), ray(r), onlyOpaque(opaque) {
     rtcInitIntersectContext(&rtc);
@@ -73,8 +87,26 @@ struct HitFilter {
     const TracedPart& part = within     ? *within
                              : instance ? embree.prototypes[instance->prototype]
                                         : embree.main;
-    return describe(part, t, h, c, instance) && isSeen(c) && exists(c) && take(c);
+    if (!describe(part, t, h, c, instance) || isTrimmed(c)) return false;
+    const SurfaceEntry& e = scene->entries_[c.entry];
+    if (probing) {
+      if (e.surfaceGroup != ray->departure.surfaceGroup || c.cosine * sense <= 0) return false;
+      if (c.distance < best.distance) best.distance = c.distance;
+      return true;
+    }
+    const Leaving leaving = leaves(e, c.distance, c.cosine, c.rounding);
+    if (leaving == Leaving::kEmerges) emerged = std::max(emerged, c.distance);
+    if (leaving == Leaving::kEmerges || !isSeen(c)) return false;
+    if (leaving == Leaving::kDips) {
+      if (c.distance > dip.distance) dip = c;
+      return false;
+    }
+    return take(c);
   }
+
+  /// When all was seen: a ray that went under the surface that it leaves and did not come out again has hit
+  /// it there.
+  bool takeDip() { return dip.distance > emerged && dip.distance < best.distance && take(dip); }
 
   /// False: a facet without area, or of a grid that an instance lacks. `part`: that the hit is of.
   bool describe(const TracedPart& part, float t, const RTCHit& h, Candidate& c,
@@ -141,11 +173,15 @@ struct HitFilter {
     return !ray->seen || ray->seen[e.attributes];
   }
 
+  bool isTrimmed(const Candidate& c) const {
+    const SurfaceEntry& e = scene->entries_[c.entry];
+    return e.trimmed && scene->cache_->trimOf(e.node).removed(c.patchU, c.patchV);
+  }
+
   /// There is a surface here, and the ray crosses it.
   bool exists(const Candidate& c) const {
-    const SurfaceEntry& e = scene->entries_[c.entry];
-    if (e.trimmed && scene->cache_->trimOf(e.node).removed(c.patchU, c.patchV)) return false;
-    return !isDepartingSurface(e, c.distance, c.cosine, c.rounding);
+    return !isTrimmed(c) &&
+           leaves(scene->entries_[c.entry], c.distance, c.cosine, c.rounding) == Leaving::kNo;
   }
 
   /// Makes what exists and is seen the ray's hit, unless there is a better one.
@@ -166,20 +202,21 @@ struct HitFilter {
   }
 
   /// The start point lies on the smooth surface, the facets are chords of it: a ray that starts under its own
-  /// facet leaves through it in the sense in which it left the surface, nearby. Anything that it meets from
-  /// the other side, or farther away, or whose plane is farther off than the surface bends, is something
-  /// else.
-  bool isDepartingSurface(const SurfaceEntry& e, float t, float cosine, float rounding) const {
+  /// facet leaves through it in the sense in which it left the surface, nearby; in a saddle it may pass under
+  /// chords that stand over the surface. Anything that it meets farther away, or whose plane is farther off
+  /// than the surface bends there, is something else.
+  Leaving leaves(const SurfaceEntry& e, float t, float cosine, float rounding) const {
     const Departure& d = ray->departure;
-    if (d.surfaceGroup != e.surfaceGroup || d.surfaceGroup == cache::kNone) return false;
+    if (d.surfaceGroup != e.surfaceGroup || d.surfaceGroup == cache::kNone) return Leaving::kNo;
     const float height = t * std::abs(cosine);
-    if (height <= 0.25f * rounding) return true;  // along its plane: the sense is rounding too
-    if (t > kReachCells * std::max(d.cellSize, e.cellSize) + rounding) return false;
+    if (height <= 0.5f * rounding) return Leaving::kEmerges;  // along its plane: the sense is rounding too
+    if (t > kReachCells * std::max(d.cellSize, e.cellSize) + rounding) return Leaving::kNo;
     const float deviation = std::max(d.deviation, e.deviation);
     const float rise = t * std::abs(d.cosine);  // over the tangent plane of the start
     if (cosine * d.cosine >= 0)
-      return rise <= rounding || height <= kDepartureSagittas * deviation + rounding;
-    return rise <= deviation && height <= kSaddleSagittas * deviation;
+      return rise <= rounding || height <= kDepartureSagittas * deviation + rounding ? Leaving::kEmerges
+                                                                                     : Leaving::kNo;
+    return rise <= deviation && height <= kSaddleSagittas * deviation ? Leaving::kDips : Leaving::kNo;
   }
 
   /// The end point may lie on a surface (a light on a wall): its facets do not hide it.

@@ -1,9 +1,11 @@
 #include "tracer/ray_scene.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <tuple>
 
+#include "base/random.h"
 #include "tracer/clusters.h"
 #include "tracer/hit_filter.h"
 #include "tracer/ray_scene_embree.h"
@@ -33,6 +35,21 @@ uint32_t RayScene::entryOf(cache::NodeId node) const {
 
 namespace {
 
+/// Only rays along a surface can stay between it and its facets, whose slope to it is about four deviations
+/// in a cell; cells may be much longer than wide.
+constexpr float kGrazing = 0.25f;
+constexpr float kGrazingSagittas = 16;
+/// A facet is no farther than this from a point that lies on the surface or on the facets as shaded.
+constexpr float kProbeSagittas = 3;
+
+/// A direction within rounding of this one (2^-20), as different from it for every ray as its last bits are.
+Vec3 nudged(const Vec3& d) {
+  const auto bits = [](float x) { return std::bit_cast<uint32_t>(x); };
+  const uint64_t h = mix64(uint64_t(bits(d.x)) << 32 ^ uint64_t(bits(d.y)) << 16 ^ bits(d.z));
+  const auto number = [](uint64_t x) { return float(int32_t(x & 0xffff) - 0x8000) * 0x1p-35f; };
+  return glm::normalize(d + Vec3(number(h), number(h >> 16), number(h >> 32)));
+}
+
 RTCRay embreeRay(const Ray& ray) {
   RTCRay r;
   r.org_x = ray.origin.x, r.org_y = ray.origin.y, r.org_z = ray.origin.z;
@@ -52,21 +69,36 @@ RTCRay embreeRay(const Ray& ray) {
 }  // namespace
 
 Hit RayScene::closest(const Ray& ray) const {
+  const Hit hit = intersect(ray);
+  // A ray that has passed something would meet it again: beside its aim it is not at the same distance.
+  if (hit.any() || ray.passedEntry != cache::kNone) return hit;
+  // Of rays that are aimed exactly at a vertex, Embree lets one or two in a hundred through between the
+  // facets around it. Hardly any comes through beside it as well.
+  Ray beside = ray;
+  beside.direction = nudged(ray.direction);
+  return intersect(beside);
+}
+
+Hit RayScene::intersect(const Ray& ray) const {
   HitFilter filter(this, &ray);
   RTCRayHit rh;
   rh.ray = embreeRay(ray);
   rh.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   rh.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   rtcIntersect1(embree_->main.scene, &filter.rtc, &rh);
+  filter.takeDip();
   return filter.best;
 }
 
-Obstacle RayScene::obstacle(const Ray& ray) const {
+Obstacle RayScene::obstacle(const Ray& asked) const {
+  // Most of these rays meet nothing, so a second one would cost too much: all go a little beside their aim.
+  Ray ray = asked;
+  ray.direction = nudged(asked.direction);
   HitFilter filter(this, &ray, true);
   RTCRay r = embreeRay(ray);
   r.mask = kOpaqueShadowRay | kFilteredShadowRay;
   rtcOccluded1(embree_->main.scene, &filter.rtc, &r);
-  if (r.tfar < 0) return Obstacle::kOpaque;
+  if (r.tfar < 0 || filter.takeDip()) return Obstacle::kOpaque;
   return filter.sawFiltered ? Obstacle::kFiltered : Obstacle::kNone;
 }
 
@@ -93,9 +125,46 @@ Departure RayScene::departure(cache::NodeId node, const Vec3& direction, const V
   d.cosine = std::abs(cosine) > kRounding ? cosine : 0.0f;
   // A start point inside a shaded facet lies up to shadedDeviation under the true surface: a ray along the
   // surface would run into the vertices around it, which lie on it.
-  if (index != cache::kNone)
-    d.lift = normal * ((d.cosine < 0 ? -1.0f : 1.0f) * entries_[index].shadedDeviation / length);
+  if (index != cache::kNone) d.lift = entries_[index].shadedDeviation;
   return d;
+}
+
+void RayScene::leave(Ray& ray, cache::NodeId node, const Vec3& normal) const {
+  ray.departure = departure(node, ray.direction, normal);
+  const Departure& d = ray.departure;
+  ray.nearDistance = d.nearDistance;
+  if (d.surfaceGroup == cache::kNone) return;
+  const Vec3 start = ray.origin;
+  const Vec3 up = normal * ((d.cosine < 0 ? -1.0f : 1.0f) / glm::length(normal));
+  const float rounding = kRounding * largestCoordinate(start);
+  // Where two surfaces meet, a point of one lies on the other, as far as rounding goes. Over its own surface,
+  // and a little less behind itself, a ray misses the other one where the two make an edge, and meets it
+  // where they make a corner.
+  ray.origin += std::max(d.lift, 0.125f * rounding) * up - 0.0625f * rounding * ray.direction;
+  // In a hollow the facets stand over the surface, and a ray along it that starts under them could end
+  // between them and the surface, which it would have hit. It starts from the facet.
+  if (!(d.deviation > 0) ||
+      std::abs(d.cosine) > std::max(kGrazing, kGrazingSagittas * d.deviation / d.cellSize))
+    return;
+  Ray probe = ray;
+  probe.direction = up;
+  probe.origin = start - rounding * up;
+  probe.nearDistance = 0;
+  // Where there are clusters, the ray's footprint may choose facets that are farther off.
+  const float deviation =
+      clusters_ ? std::max(d.deviation, Clusters::kHiddenDeviation * ray.radius) : d.deviation;
+  probe.farDistance = kProbeSagittas * deviation + 2 * rounding;
+  HitFilter filter(this, &probe);
+  filter.probing = true;
+  filter.sense = d.cosine < 0 ? -1.0f : 1.0f;
+  RTCRayHit rh;
+  rh.ray = embreeRay(probe);
+  rh.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  rh.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  rtcIntersect1(embree_->main.scene, &filter.rtc, &rh);
+  // A start on the facet itself is not under it.
+  if (filter.best.distance < kInfinity && filter.best.distance > 2 * rounding)
+    ray.origin = probe.origin + (filter.best.distance + rounding) * up;
 }
 
 void RayScene::stepBehind(Ray& ray, const Hit& hit) const {

@@ -78,9 +78,8 @@ struct Departure {
   float cosine = 0;                      // dot(direction, oriented unit normal); 0: as good as in the surface
   float cellSize = 0;                    // of the starting patch, as traced
   float deviation = 0;                   // of the starting patch, as traced
-  Vec3 lift{0};  // from the start point off the surface as shaded, to where the ray goes
-  float nearDistance =
-      0;  // Attribute "trace" "bias" of the starting surface, which then stands for all of the above
+  float lift = 0;            // from the start point off the surface as shaded, to the side where the ray goes
+  float nearDistance = 0;    // Attribute "trace" "bias" of the surface, which then stands for all of the above
 };
 
 /// One ray. Cache space; direction is unit, so distances are lengths.
@@ -153,10 +152,11 @@ class RayScene {
   /// only what must be asked for its opacity, or nothing.
   Obstacle obstacle(const Ray& ray) const;
   /// Describes the start of a ray in direction `direction` (unit) on `node` with oriented normal `normal`.
-  /// Add `lift` to the origin and start at `nearDistance`: it is the error of a start point on the shaded
-  /// surface, nothing on flat ones. Any node is allowed; one out of range, or a zero or non-finite normal, is
-  /// no surface.
+  /// Any node is allowed; one out of range, or a zero or non-finite normal, is no surface.
   Departure departure(cache::NodeId node, const Vec3& direction, const Vec3& normal) const;
+  /// Lets a ray that has an origin, a direction, a time and a mask start on a surface: sets its departure and
+  /// near distance, and moves its origin, by no more than facets are off the surface.
+  void leave(Ray& ray, cache::NodeId node, const Vec3& normal) const;
   /// Makes `ray` go on behind `hit`.
   void stepBehind(Ray& ray, const Hit& hit) const;
 
@@ -174,6 +174,7 @@ class RayScene {
   friend class RaySceneBuilder;
   friend struct SolidRays;
   RayScene();
+  Hit intersect(const Ray& ray) const;
 
   struct Embree;
   /// A tree of solids: an Embree scene of its own, all of whose crossings a ray asks for.

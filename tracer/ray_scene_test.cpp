@@ -167,8 +167,7 @@ Start startOn(const Traced& t, cache::ObjectId object, Random& random, bool dice
 }
 
 void depart(const Traced& t, Ray& ray, const Start& start) {
-  ray.departure = t.scene->departure(start.node, ray.direction, start.n);
-  ray.origin += ray.departure.lift;
+  t.scene->leave(ray, start.node, start.n);
 }
 
 /// Direction with the given cosine to n.

@@ -49,9 +49,12 @@ class TracedModel {
   TracedModel(const TracedModel&) = delete;
   TracedModel& operator=(const TracedModel&) = delete;
 
-  std::unique_ptr<tracer::RayScene> trace(float multiplier) {
+  /// `clusters`: cut into small clusters, all of whose borders are open.
+  std::unique_ptr<tracer::RayScene> trace(float multiplier, bool clusters = false) {
     tracer::RaySceneOptions o;
     o.patchMultiplier = multiplier;
+    o.flatMicropolygons = clusters ? 0 : 1e12;
+    if (clusters) o.clusterMicropolygons = 20000;
     auto made = tracer::RayScene::build(
         *scene_.cache, [](cache::ObjectId) { return true; }, o);
     EXPECT_TRUE(made.ok()) << (made.ok() ? "" : made.error().str());
