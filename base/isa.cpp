@@ -22,6 +22,17 @@ Isa currentIsa() {
   return isa;
 }
 
+namespace {
+constexpr const char* kDeterministic = "FRANKENRENDER_DETERMINISTIC";
+}
+
+Isa portableIsa() {
+  const char* e = std::getenv(kDeterministic);
+  return e && *e && std::strcmp(e, "0") != 0 ? Isa::kSse4 : currentIsa();
+}
+
+void beDeterministic() { setenv(kDeterministic, "1", 1); }
+
 const char* isaName(Isa isa) {
   switch (isa) {
     case Isa::kSse4:

@@ -9,4 +9,10 @@ enum class Isa { kSse4 = 0, kAvx2 = 1, kAvx512 = 2 };
 Isa currentIsa();
 const char* isaName(Isa isa);
 
+/// For libraries that give other bits on other sets: currentIsa(), unless beDeterministic() was called, or
+/// the environment says FRANKENRENDER_DETERMINISTIC=1; then the set that every CPU has.
+Isa portableIsa();
+/// In this process and those that it starts. Before any thread is started.
+void beDeterministic();
+
 }  // namespace fr

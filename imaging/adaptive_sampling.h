@@ -7,8 +7,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <vector>
 
+#include "imaging/pixel_filter.h"
 #include "scene_cache/cache.h"
 
 namespace fr {
@@ -18,8 +21,16 @@ namespace fr {
 struct AdaptiveSampling {
   float variance = 0.01f;
   int minSamples = 4, maxSamples = 64;
-  /// Every pixel's standard error is to be at most `error`.
-  static AdaptiveSampling toError(double error) { return {float(error * error), 8, 1024}; }
+  /// Above 0: `variance` is to be found so that the picture's error (RMSE) is about this; see
+  /// varianceForError().
+  float pictureError = 0;
+  static AdaptiveSampling toError(double error) {
+    // What a pixel's first samples all miss is never looked for: there must be so many of them that it is not
+    // worse than the error.
+    int first = 8;
+    while (first < 256 && double(first) * error < 0.3) first *= 2;
+    return {0, first, 1024, float(error)};
+  }
 };
 
 /// `asked`, or what the RIB asks for: a PixelVariance together with Option "render" "maxsamples".
@@ -61,11 +72,15 @@ class PixelNoise {
 };
 
 /// How far the pixels of a frame are from those of endless samples, from two parts of each pixel's samples:
-/// unlike variance(), this knows of well spread samples. Pixels alone, before any filter.
+/// unlike variance(), this knows of well spread samples. Of pixels before any filter, until filtered().
 struct PixelErrors {
-  double squares = 0;
+  /// In fixed point: the sum over a frame does not depend on who adds what first.
+  uint64_t squares = 0;
   uint64_t values = 0;
+  double share = 1;  // of the errors that the filter leaves
 
+  double meanSquare() const { return values ? share * double(squares) / double(values) / kUnit : 0; }
+  double rmse() const { return std::sqrt(meanSquare()); }
   void add(const PixelNoise& p) {
     if (p.marked_ == 0 || p.marked_ == p.samples_) return;
     // Parts of a and b samples differ by variance s (1/a + 1/b), and the mean of all has variance s / (a +
@@ -73,7 +88,7 @@ struct PixelErrors {
     const double a = p.marked_, b = double(p.samples_) - a;
     for (int c = 0; c < 3; ++c) {
       const double off = double(p.mean_[c]) - double(p.markedMean_[c]);
-      squares += off * off * a / b;
+      squares += uint64_t(off * off * a / b * kUnit);
     }
     values += 3;
   }
@@ -81,7 +96,21 @@ struct PixelErrors {
     squares += o.squares, values += o.values;
     return *this;
   }
-  double rmse() const { return values ? std::sqrt(squares / double(values)) : 0; }
+  /// A filter mixes pixels whose errors have nothing to do with each other.
+  void filtered(const PixelFilter& filter);
+
+ private:
+  static constexpr double kUnit = 0x1p36;
 };
+
+/// Adaptive sampling with the variance at which the whole picture has the error `wanted.pictureError`: many
+/// pixels are smooth and cost nothing, so the others may be noisier than the picture. `look` renders some of
+/// the picture and says what error that has.
+AdaptiveSampling varianceForError(AdaptiveSampling wanted,
+                                  const std::function<PixelErrors(const AdaptiveSampling&)>& look);
+
+/// What looks are taken at: some tiles of this size, whatever size the frame's own have, all over the frame.
+inline constexpr int kLookTileSize = 16;
+void keepTilesToLookAt(std::vector<int>& order);
 
 }  // namespace fr

@@ -93,6 +93,21 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   scene.space = ShutterSpace(camera, frameCameraKeys(skeleton), frameLens(skeleton));
   scene.lines = SightLines(camera, frameLens(skeleton));
   work.adaptive = frameAdaptiveSampling(skeleton, options.adaptive);
+  if (work.adaptive && work.adaptive->pictureError > 0) {
+    std::optional<Error> failed;
+    work.adaptive = varianceForError(*work.adaptive, [&](const AdaptiveSampling& a) -> PixelErrors {
+      RenderOptions look;
+      look.threads = options.threads, look.seed = options.seed;
+      look.bucketSize = kLookTileSize, look.writeDisplays = false, look.look = true;
+      look.adaptive = a;
+      if (failed) return {};
+      auto seen = renderFrame(cache, shading, oracle, look);
+      if (seen) return seen->errors;
+      failed = std::move(seen).error();
+      return {};
+    });
+    if (failed) return *failed;
+  }
   scene.pattern =
       work.adaptive
           ? SamplePattern(work.adaptive->maxSamples, 1, true, options.seed,
@@ -125,6 +140,13 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   work.opacityThreshold = std::clamp(
       frameFloatOption(skeleton, skeleton.options().options, "limits:othreshold", 0.996f), 0.0f, 1.0f);
   work.order = hilbertOrder(film.tilesX(), film.tilesY());
+  if (options.look) {
+    keepTilesToLookAt(work.order);
+    std::vector<bool> kept(size_t(film.tilesX()) * size_t(film.tilesY()));
+    for (const int tile : work.order) kept[size_t(tile)] = true;
+    for (size_t tile = 0; tile < kept.size(); ++tile)
+      if (!kept[tile]) shaded.finishTile(int(tile));
+  }
   std::unique_ptr<FrameJournal> journal;
   if (options.resume && output && !output->firstPath().empty()) {
     auto opened =
@@ -153,6 +175,7 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
   s.rootPatches = roots.count(), s.rootPatchesCulled = roots.culled();
   s.gridsShadedPeak = shaded.peak();
   s.oracleFailed = work.oracleFailed;
+  s.errors.filtered(framePixelFilter(skeleton));
   if (work.stop) {
     Error stopped = makeError(RiError::kSystem, "rendering stopped after {} of {} buckets", work.tilesDone,
                               work.order.size());

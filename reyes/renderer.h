@@ -26,6 +26,8 @@ struct RenderOptions {
   /// Empty: PixelSamples, or what the RIB's PixelVariance asks for.
   std::optional<AdaptiveSampling> adaptive;
   bool writeDisplays = true;  // false: only `pixels` gets the image
+  /// Renders some tiles alone, to see how noisy they are: nothing is written or told, the statistics are all.
+  bool look = false;
   /// Keeps finished pixels beside the first display's picture while it is rendered, and goes on where an
   /// earlier run with the same scene was stopped or killed. Shaders and textures must not have changed.
   bool resume = false;

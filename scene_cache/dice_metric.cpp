@@ -97,6 +97,9 @@ float DiceRate::segment(Vec3 a, Vec3 b) const {
 
 float DiceRate::viewWeight(Vec3 a, Vec3 b) const {
   constexpr float kLeast = 0.25f;
+  // So many cones away from it, even that is too much for an extremely narrow view: a ball that fills it many
+  // thousand times over would be endless.
+  constexpr float kFar = 64;
   // The largest cosine to the axis along a + t (b - a): at an end, or where its derivative vanishes.
   const Vec3 d = b - a;
   const float a0 = glm::dot(a, axis), a1 = glm::dot(d, axis);
@@ -111,7 +114,9 @@ float DiceRate::viewWeight(Vec3 a, Vec3 b) const {
   const float t = denominator != 0 ? (a1 * b0 - a0 * b1) / denominator : 0.0f;
   if (t > 0 && t < 1) cosine = std::max(cosine, cosineAt(t));
   const float outside = std::acos(std::clamp(cosine, -1.0f, 1.0f)) - cone;
-  return outside > 0 ? std::max(kLeast, 1 / (1 + 3 * outside / cone)) : 1.0f;
+  if (!(outside > 0)) return 1;
+  const float weight = std::max(kLeast, 1 / (1 + 3 * outside / cone));
+  return outside > kFar * cone ? weight * kFar * cone / outside : weight;
 }
 
 float DiceRate::cylinderWeight(Vec3 a, Vec3 b) const {

@@ -82,7 +82,7 @@ void addArithmetic(KernelTable& t) {
   FR_UNARY(sign, select(x > 0.0f, splat(1.0f), select(x < 0.0f, splat(-1.0f), V{})));
   FR_UNARY(floor, vfloor(x));
   FR_UNARY(ceil, vceil(x));
-  FR_UNARY(round, copySign(vfloor(vabs(x) + 0.5f), x));
+  FR_UNARY(round, vround(x));
   FR_BINARY(step, select(y < x, V{}, splat(1.0f)));
   FR_KERNEL(slot(Op::clamp_f), 4, store(a[0], i, vmax(vmin(load(a[1], i), load(a[3], i)), load(a[2], i))));
   FR_KERNEL(slot(Op::mix_f), 4, const V m = load(a[3], i);
@@ -142,7 +142,7 @@ void addMathematics(KernelTable& t) {
   FR_UNARY(log, vlog(x));
   FR_BINARY(log2arg, select(x > 0.0f, divide(vlog(x), vlog(y)), splat(-1.0e38f)));
   FR_UNARY(erf, verf(x));
-  FR_UNARY(erfc, 1.0f - verf(x));
+  FR_UNARY(erfc, verfc(x));
 }
 
 #ifndef FR_ISA_recorded
@@ -186,7 +186,7 @@ void addMasks(KernelTable& t) {
             store(a[0], i, select(vabs(x) <= splat(kLargest), x, V{})));
 #ifndef FR_ISA_recorded
   t.lanes = kLanes;
-  addRare<ExpTop>(t), addRare<LargeAngle>(t), addRare<ExtremeLength>(t), addRare<ExtremeNormalize>(t);
+  addRare<DenormalLog>(t), addRare<LargeAngle>(t), addRare<ExtremeLength>(t), addRare<ExtremeNormalize>(t);
   addRare<Homogeneous>(t);
   t.anyActive = [](const int32_t* mask, uint32_t lanes) {
     VI any{};

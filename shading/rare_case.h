@@ -6,7 +6,7 @@
 namespace fr {
 
 enum class RareCase : uint8_t {
-  kExpTop,       // e^x just below overflow
+  kDenormalLog,  // of a number below the smallest normal one
   kLargeAngle,   // an angle of thousands of turns, brought into range
   kLength,       // of a vector whose squares over- or underflow
   kNormalize,    // the same

@@ -23,7 +23,7 @@ struct V3 {
   V x, y, z;
 };
 
-inline constexpr float kLargest = 3.402823466e38f;
+inline constexpr float kLargest = 3.402823466e38f, kSmallestNormal = 1.17549435e-38f;
 
 FR_INLINE V vabs(V a) { return fromBits(bits(a) & 0x7fffffff); }
 FR_INLINE V copySign(V magnitude, V sign) {
@@ -33,6 +33,11 @@ FR_INLINE V clampTo(V x, float lo, float hi) { return vmin(vmax(x, splat(lo)), s
 /// 1 where the comparison holds, else 0.
 FR_INLINE V toFlag(VI m) { return fromBits(m & bits(splat(1.0f))); }
 FR_INLINE V vceil(V x) { return -vfloor(-x); }
+/// Halves go away from 0.
+FR_INLINE V vround(V x) {
+  const V a = vabs(x), whole = vfloor(a);
+  return copySign(whole + toFlag(a - whole >= 0.5f), x);
+}
 
 /// Below 0: 0.
 FR_INLINE V vsqrt(V x) { return rawSqrt(vmax(x, V{})); }
@@ -41,9 +46,7 @@ FR_INLINE V divide(V a, V b) {
   const V q = clampTo(a / b, -kLargest, kLargest);
   return select(b == 0.0f, V{}, q);
 }
-FR_INLINE V inverseSqrt(V x) {
-  return select(x > 0.0f, splat(1.0f) / rawSqrt(vmax(x, splat(1.17549435e-38f))), V{});
-}
+FR_INLINE V inverseSqrt(V x) { return select(x > 0.0f, splat(1.0f) / rawSqrt(x), V{}); }
 
 /// 2^n for integral n in -126..127.
 FR_INLINE V exp2Int(VI n) { return fromBits((n + 127) << 23); }
@@ -57,23 +60,20 @@ FR_INLINE V expReduced(V r) {
   p = p * r + 5.0000001201e-1f;
   return p * (r * r) + r + 1.0f;
 }
-/// The last piece below overflow.
-struct ExpTop {
-  static constexpr RareCase kCase = RareCase::kExpTop;
-  static constexpr int kInputs = 1, kResults = 1;
-  static void compute(const V* x, V* result) {
-    const V h = expReduced(vmin(x[0] - 88.0f, splat(0.72283905f)));
-    result[0] = vmin(h * 1.6516363e38f, splat(kLargest));  // e^88
-  }
-};
-FR_INLINE V vexp(V x) {
-  const V c = clampTo(x, -87.0f, 88.0f);
-  const V n = vfloor(c * 1.44269504088896341f + 0.5f);
-  const V r = (c - n * 0.693359375f) - n * -2.12194440e-4f;
-  V e = expReduced(r) * exp2Int(toInt(n));
-  rarely<ExpTop>(x > 88.0f, &x, &e);
-  return select(x < -87.0f, V{}, e);
+/// m 2^n for m near 1 and n in -150..130, rounded once, where it is too small for a normal number too.
+FR_INLINE V timesExp2(V m, VI n) {
+  const VI half = n >> 1;
+  return m * exp2Int(half) * exp2Int(n - half);
 }
+/// e^(x + rest), for small rests. Overflow: the largest float.
+FR_INLINE V expOfSum(V x, V rest) {
+  const VI nothing = x < -104.0f;
+  const V c = clampTo(select(nothing, V{}, x), -104.0f, 89.0f);
+  const V n = vfloor(c * 1.44269504088896341f + 0.5f);
+  const V r = ((c - n * 0.693359375f) - n * -2.12194440e-4f) + rest;
+  return select(nothing, V{}, vmin(timesExp2(expReduced(r), toInt(n)), splat(kLargest)));
+}
+FR_INLINE V vexp(V x) { return expOfSum(x, V{}); }
 /// x = m 2^e with m in [sqrt(1/2), sqrt(2)), x > 0 normal. Returns ln(m).
 FR_INLINE V logReduced(V x, V& e) {
   const VI b = bits(x);
@@ -94,63 +94,103 @@ FR_INLINE V logReduced(V x, V& e) {
   p = p * m + 3.3333331174e-1f;
   return m + (p * m * z - z * 0.5f);
 }
+/// The same of a denormal number.
+struct DenormalLog {
+  static constexpr RareCase kCase = RareCase::kDenormalLog;
+  static constexpr int kInputs = 1, kResults = 2;
+  static void compute(const V* x, V* result) {
+    result[0] = logReduced(clampTo(x[0] * 0x1p24f, kSmallestNormal, kLargest), result[1]);
+    result[1] = result[1] - 24.0f;
+  }
+};
+/// logReduced() of any number above 0 (`positive`); of others, something.
+FR_INLINE V logOf(V x, VI positive, V& e) {
+  V result[2];
+  result[0] = logReduced(clampTo(x, kSmallestNormal, kLargest), result[1]);
+  rarely<DenormalLog>((x < kSmallestNormal) & positive, &x, result);
+  e = result[1];
+  return result[0];
+}
 /// 0 and below: -1e38.
 FR_INLINE V vlog(V x) {
+  const VI positive = x > 0.0f;
   V e;
-  const V m = logReduced(clampTo(x, 1.17549435e-38f, kLargest), e);
+  const V m = logOf(x, positive, e);
   const V r = (m + e * -2.12194440e-4f) + e * 0.693359375f;
-  return select(x > 0.0f, r, splat(-1.0e38f));
+  return select(positive, r, splat(-1.0e38f));
 }
 /// 0 for a negative base with a fractional exponent and for 0 to a negative power; overflow: the largest
 /// float.
 FR_INLINE V vpow(V x, V y) {
-  const V ax = vabs(x);
+  const VI isZero = x == 0.0f;
   V e;
-  const V lm = logReduced(clampTo(ax, 1.17549435e-38f, kLargest), e);
-  // y ln(x) = (y e) ln 2 + y lm, with the integral powers of two taken out before anything is rounded away.
+  const V lm = logOf(vabs(x), ~isZero, e);
+  // y ln(x) = (y e) ln 2 + y lm, with the integral powers of two taken out before anything is rounded away:
+  // twelve bits of y times e are exact.
   const V yc = clampTo(y, -1.0e30f, 1.0e30f);
-  const V ye = clampTo(yc * e, -1.0e6f, 1.0e6f);
-  const V yl = clampTo(yc * lm, -1.0e6f, 1.0e6f);
-  const V n = vfloor(ye + yl * 1.44269504088896341f + 0.5f);
-  const V k = ye - n;
+  const V yh = fromBits(bits(yc) & (int32_t)0xfffff000);
+  const V yl = yc * lm;
+  const V n = vfloor(clampTo(yc * e + yl * 1.44269504088896341f, -400.0f, 400.0f) + 0.5f);
+  const V k = (yh * e - n) + (yc - yh) * e;
   const V r = (k * 0.693359375f + yl) - k * 2.12194440e-4f;
-  const V nc = clampTo(n, -126.0f, 127.0f);
-  V p = expReduced(clampTo(r, -1.0f, 1.0f)) * exp2Int(toInt(nc));
-  p = select(n > 127.0f, splat(kLargest), vmin(p, splat(kLargest)));
-  p = select(n < -126.0f, V{}, p);
+  const VI nothing = n < -150.0f;
+  const V nc = vmin(select(nothing, V{}, n), splat(130.0f));
+  V p = vmin(timesExp2(expReduced(clampTo(r, -1.0f, 1.0f)), toInt(nc)), splat(kLargest));
+  p = select(nothing, V{}, p);
   const V fy = vfloor(y);
   const VI integral = fy == y;
   const VI odd = integral & ((fy - 2.0f * vfloor(fy * 0.5f)) != 0.0f);
   p = select(x < 0.0f, select(integral, select(odd, -p, p), V{}), p);
-  p = select(x == 0.0f, V{}, p);
+  p = select(isZero, V{}, p);
   return select(y == 0.0f, splat(1.0f), p);
 }
 
-/// Brings large angles into range in double precision; NaN and infinities become 0.
+/// Large angles: what is left of them, and in which octant, from as many bits of 2/pi as matter (Payne and
+/// Hanek, "Radian reduction for trigonometric functions", 1983). NaN and infinities become 0.
 struct LargeAngle {
   static constexpr RareCase kCase = RareCase::kLargeAngle;
-  static constexpr int kInputs = 1, kResults = 1;
+  static constexpr int kInputs = 1, kResults = 2;
 #ifndef FR_ISA_recorded
   static void compute(const V* x, V* result) {
+    static constexpr uint32_t kTwoOverPi[] = {0xa2f9836e, 0x4e441529, 0xfc2757d1, 0xf534ddc0,
+                                              0xdb629599, 0x3c439041, 0xfe5163ab, 0xdebbc561};
+    __extension__ typedef unsigned __int128 Wide;
+    const VI given = bits(x[0]);
+    VI octants{};
     for (uint32_t i = 0; i < kLanes; ++i) {
-      const double d = double(x[0][i]);
-      if (!(d > -1e15 && d < 1e15)) {
-        result[0][i] = 0.0f;
-      } else {
-        const double t = d * 0.15915494309189533577;
-        result[0][i] = float((t - double(int64_t(t))) * 6.283185307179586477);
-      }
+      result[0][i] = 0.0f;
+      const uint32_t b = uint32_t(given[i]) & 0x7fffffff;
+      const int exponent = int(b >> 23) - 150;  // |x| = mantissa 2^exponent
+      if (b >= 0x7f800000 || exponent < -23) continue;
+      const Wide mantissa = (b & 0x7fffff) | 0x800000;
+      // Bits of 2/pi that only make whole turns are left out; the next 96 matter.
+      const int first = exponent > 2 ? exponent - 2 : 0;
+      Wide window = 0;
+      for (int k = 0; k < 4; ++k) window = window << 32 | kTwoOverPi[first / 32 + k];
+      window = (window << (first % 32)) >> 32;
+      const Wide product = mantissa * window;
+      const int fraction = 96 + first - exponent;  // bits of the product behind the point
+      int quadrant = int(product >> fraction) & 3;
+      Wide rest = product << (128 - fraction);
+      bool below = false;
+      if (rest >> 127) rest = Wide(0) - rest, below = true, ++quadrant;
+      const double r = double(uint64_t(rest >> 64)) * 0x1p-64 * 1.57079632679489661923;
+      result[0][i] = float(below ? -r : r);
+      octants[i] = 2 * quadrant;
     }
+    result[1] = fromBits(octants);
   }
 #endif
 };
 FR_INLINE void sinCos(V x, V& s, V& c) {
-  const V given = x;
-  rarely<LargeAngle>(~(vabs(x) <= 8000.0f), &given, &x);
-  V a = vabs(x);
-  VI j = (toInt(a * 1.27323954473516f) + 1) & ~1;
-  const V y = toFloat(j);
-  a = ((a - y * 0.78515625f) - y * 2.4187564849853515625e-4f) - y * 3.77489497744594108e-8f;
+  const V size = vabs(x);
+  const VI octant = (toInt(size * 1.27323954473516f) + 1) & ~1;
+  const V y = toFloat(octant);
+  V reduced[2] = {((size - y * 0.78515625f) - y * 2.4187564849853515625e-4f) - y * 3.77489497744594108e-8f,
+                  fromBits(octant)};
+  rarely<LargeAngle>(~(size <= 8000.0f), &x, reduced);
+  const V a = reduced[0];
+  const VI j = bits(reduced[1]);
   const V z = a * a;
   V pc = splat(2.443315711809948e-5f);
   pc = pc * z - 1.388731625493765e-3f;
@@ -222,24 +262,41 @@ FR_INLINE V vatan2(V y, V x) {
   r = select((y == 0.0f) & (x >= 0.0f), V{}, r);
   return copySign(r, y);
 }
-/// Abramowitz and Stegun 7.1.26 on erfc, with the series near 0; absolute error below 3e-7.
-FR_INLINE V verf(V x) {
-  const V a = vabs(x);
-  const V t = 1.0f / (a * 0.3275911f + 1.0f);
-  V p = splat(1.061405429f);
-  p = p * t - 1.453152027f;
-  p = p * t + 1.421413741f;
-  p = p * t - 0.284496736f;
-  p = p * t + 0.254829592f;
-  const V large = 1.0f - p * t * vexp(-a * a);
-  const V z = a * a;
+/// erf(x) for |x| < 0.5, by its series.
+FR_INLINE V erfNear(V x) {
+  const V z = x * x;
   V q = splat(0.00085480f);
   q = q * z - 0.00522398f;
   q = q * z + 0.02686617f;
   q = q * z - 0.11283792f;
   q = q * z + 0.37612639f;
-  q = 1.12837917f - q * z;
-  return copySign(select(a < 0.5f, q * a, large), x);
+  return (1.12837917f - q * z) * x;
+}
+/// erfc(a) for a >= 0.47: t P(t) e^(-a^2) with t = 1 / (1 + 0.4 a). P goes through the points at Chebyshev's
+/// places; relative error 6e-9 before rounding.
+FR_INLINE V erfcFar(V a0) {
+  const V a = vmin(a0, splat(11.0f));
+  const V t = 1.0f / (a * 0.4f + 1.0f);
+  V p = splat(0.06012587552890757f);
+  p = p * t - 0.22047396306675104f;
+  p = p * t + 0.2285459430088975f;
+  p = p * t - 0.05626615448387139f;
+  p = p * t + 0.1666110021195732f;
+  p = p * t + 0.16114267086462833f;
+  p = p * t + 0.20908449849787214f;
+  p = p * t + 0.2255618097453281f;
+  p = p * t + 0.22567954907693705f;
+  // The square in two parts: a last place of it is many of its exponential.
+  const V high = fromBits(bits(a) & (int32_t)0xfffff000);
+  return p * t * expOfSum(-(high * high), (high - a) * (high + a));
+}
+FR_INLINE V verf(V x) {
+  const V a = vabs(x);
+  return copySign(select(a < 0.5f, erfNear(a), 1.0f - erfcFar(a)), x);
+}
+FR_INLINE V verfc(V x) {
+  const V a = vabs(x), far = erfcFar(a);
+  return select(a < 0.5f, 1.0f - erfNear(x), select(x < 0.0f, 2.0f - far, far));
 }
 
 FR_INLINE V dot(V3 a, V3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
@@ -254,14 +311,21 @@ FR_INLINE V3 select(VI m, V3 a, V3 b) {
 }
 /// Squares of vectors outside of these limits lose digits or are infinite.
 FR_INLINE VI extremeSquare(V d) { return ~((d >= 1.0e-30f) & (d <= 1.0e36f)); }
+/// Brings a vector whose squares are out of range into it. `back`: by what its length is to be multiplied.
+FR_INLINE V3 intoRange(const V* a, V& back) {
+  const V3 c = {clampTo(a[0], -kLargest, kLargest), clampTo(a[1], -kLargest, kLargest),
+                clampTo(a[2], -kLargest, kLargest)};
+  const VI huge = vmax(vabs(c.x), vmax(vabs(c.y), vabs(c.z))) > 1.0f;
+  back = select(huge, splat(0x1p70f), splat(0x1p-100f));
+  return scale(c, select(huge, splat(0x1p-70f), splat(0x1p100f)));
+}
 struct ExtremeLength {
   static constexpr RareCase kCase = RareCase::kLength;
   static constexpr int kInputs = 3, kResults = 1;
   static void compute(const V* a, V* result) {
-    const V m = vmax(vabs(a[0]), vmax(vabs(a[1]), vabs(a[2])));
-    const V inv = select(m > 0.0f, 1.0f / vmax(m, splat(1.17549435e-38f)), V{});
-    const V3 b = scale({a[0], a[1], a[2]}, inv);
-    result[0] = vmin(m * rawSqrt(dot(b, b)), splat(kLargest));
+    V back;
+    const V3 b = intoRange(a, back);
+    result[0] = vmin(rawSqrt(dot(b, b)) * back, splat(kLargest));
   }
 };
 /// Length without overflow or underflow for any finite vector.
@@ -276,9 +340,8 @@ struct ExtremeNormalize {
   static constexpr RareCase kCase = RareCase::kNormalize;
   static constexpr int kInputs = 3, kResults = 3;
   static void compute(const V* a, V* result) {
-    const V m = vmax(vabs(a[0]), vmax(vabs(a[1]), vabs(a[2])));
-    const V3 b = scale({a[0], a[1], a[2]}, select(m > 1.0e15f, splat(1.0e-20f),
-                                                  select(m < 1.0e-12f, splat(1.0e20f), splat(1.0f))));
+    V back;
+    const V3 b = intoRange(a, back);
     const V d = dot(b, b);
     const V inv = select(d > 0.0f, 1.0f / rawSqrt(d), V{});
     result[0] = b.x * inv, result[1] = b.y * inv, result[2] = b.z * inv;

@@ -26,7 +26,7 @@ struct alignas(64) Clusters::Cluster {
   Box3f box;
   uint32_t mask = 0;
   std::vector<ClusterItem> items;
-  /// Pieces of surfaces that may go on in other clusters: their boxes by surface group.
+  /// Surfaces that may go on in other clusters, as other primitives too: their boxes by attribute state.
   std::vector<std::pair<uint32_t, Box3f>> surfaces;
 
   std::atomic<const Tree*> tree[kLevels] = {};
@@ -157,11 +157,11 @@ void Clusters::split(std::vector<ClusterItem>& items, size_t first, size_t end, 
   std::map<uint32_t, Box3f> surfaces;
   for (const ClusterItem& i : c->items) {
     c->box.extend(i.bound);
-    surfaces[cache_.skeleton().objects()[i.object].surfaceGroup].extend(i.bound);
+    surfaces[cache_.skeleton().objects()[i.object].attributes].extend(i.bound);
     placesOfRoot_.emplace(cache_.node(i.node).root, Place{i.node, uint32_t(clusters_.size())});
   }
   c->box = rounded(c->box);
-  for (const auto& [group, box] : surfaces) c->surfaces.emplace_back(group, rounded(box));
+  for (const auto& [attributes, box] : surfaces) c->surfaces.emplace_back(attributes, rounded(box));
   clusters_.push_back(std::move(c));
 }
 
@@ -269,14 +269,14 @@ std::vector<GatheredGrid> Clusters::gather(const Cluster& c, int level) {
   for (const auto& p : parts) all.insert(all.end(), p.begin(), p.end());
   orientGrids(cache_, all, nullptr);
 
-  // What belongs to the same surface and stands in other clusters.
+  // What may belong to the same surface and stands in other clusters.
   std::vector<std::pair<uint32_t, Box3f>> foreign;
   for (const auto& other : clusters_) {
     if (other.get() == &c || other->mask != c.mask || !other->box.overlaps(c.box)) continue;
-    for (const auto& [group, box] : other->surfaces)
+    for (const auto& [attributes, box] : other->surfaces)
       if (std::any_of(c.surfaces.begin(), c.surfaces.end(),
-                      [group = group](const auto& s) { return s.first == group; }))
-        foreign.emplace_back(group, box);
+                      [attributes = attributes](const auto& s) { return s.first == attributes; }))
+        foreign.emplace_back(attributes, box);
   }
   if (!foreign.empty())
     for (GatheredGrid& g : all) {
@@ -284,7 +284,7 @@ std::vector<GatheredGrid> Clusters::gather(const Cluster& c, int level) {
       if (!r.grid) continue;
       const Box3f box = rounded(r.grid->bound);
       g.open = std::any_of(foreign.begin(), foreign.end(), [&](const auto& f) {
-        return f.first == g.entry.surfaceGroup && f.second.overlaps(box);
+        return f.first == g.entry.attributes && f.second.overlaps(box);
       });
     }
   return all;

@@ -269,9 +269,9 @@ class RaySceneBuilder {
 
   Result<void> openDevice() {
     RayScene::Embree& em = *scene_->embree_;
-    const char* isa = currentIsa() == Isa::kSse4   ? "isa=sse4.2"
-                      : currentIsa() == Isa::kAvx2 ? "isa=avx2"
-                                                   : "isa=avx512";
+    const char* isa = portableIsa() == Isa::kSse4   ? "isa=sse4.2"
+                      : portableIsa() == Isa::kAvx2 ? "isa=avx2"
+                                                    : "isa=avx512";
     const std::string config = fmt::format("threads={},{},start_threads=0,set_affinity=0", threads_, isa);
     em.device = rtcNewDevice(config.c_str());
     if (!em.device) {

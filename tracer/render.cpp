@@ -177,6 +177,18 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   if (auto ready = tracer.prepare(); !ready)
     return makeError(RiError::kSystem, "nothing can be traced: {}", ready.error().message);
 
+  if (trace.adaptive && trace.adaptive->pictureError > 0) {
+    TraceRenderOptions quiet;
+    trace.adaptive = varianceForError(*trace.adaptive, [&](const AdaptiveSampling& a) {
+      trace.adaptive = a;
+      Film some(geometry.crop, framePixelFilter(skeleton), kLookTileSize, rules);
+      Frame look(trace, quiet, some, nullptr);
+      keepTilesToLookAt(look.order);
+      look.run(threads, cores);
+      look.statistics.errors.filtered(framePixelFilter(skeleton));
+      return look.statistics.errors;
+    });
+  }
   Frame frame(trace, options, film, output ? &*output : nullptr);
   frame.run(threads, cores);
   if (frame.stop)
@@ -185,6 +197,7 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
   if (output)
     if (auto written = output->finish(); !written) return written.error();
   TraceRenderStatistics& s = frame.statistics;
+  s.errors.filtered(framePixelFilter(skeleton));
   s.tracer = tracer.statistics();
   s.wallSeconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return s;

@@ -3,7 +3,7 @@
 
     bench/pareto/run.py --bin build/release/bin --out pareto [--repeats 3] [scene ...]
 
-Writes pareto.json, pareto.csv and an SVG per knob to the folder of --out. Of each picture: seconds of the whole program,
+Writes pareto.json, pareto.csv, a table of slopes (slopes.md) and an SVG per knob to the folder of --out. Of each picture: seconds of the whole program,
 root mean square error, mean squared error relative to the squared value, worst pixel, and peak memory in MiB (of the
 program, or of its ray tracer, whichever is larger). Slopes of the error over the number of samples or rays are fitted;
 one that is flatter than random sampling (-1/2) is a defect, unless what is left is not the samples' error."""
@@ -104,7 +104,7 @@ def main():
             scene = scenes.SCENES[name]
             truth = closed_form(scene) if scene.value else None
             for hider, other in (('reyes', 'rays'), ('rays', 'reyes')):
-                if truth is None or scene.value is None:
+                if not scene.value:
                     # The other hider, 64 samples for each of 4 x 4, and micropolygons a sixteenth as large.
                     truth = render(arguments, other, name, {'samples': 32, 'rate': 0.0625, 'patch_multiplier': 1}, folder)[2]
                 for sweep, points in scene.sweeps.items():
@@ -132,6 +132,10 @@ def main():
                     else:
                         print(f'{name:15} {hider:6} {sweep:8} RMSE ' + ' '.join(f'{p[1]:.2e}' for p in line), flush=True)
     (arguments.out / 'pareto.json').write_text(json.dumps({'points': rows, 'slopes': slopes}, indent=1) + '\n')
+    with open(arguments.out / 'slopes.md', 'w') as file:
+        file.write('| scene | hider | knob | RMSE at the least | at the most | slope |\n|---|---|---|---:|---:|---:|\n')
+        for s in slopes:
+            file.write(f'| {s["scene"]} | {s["hider"]} | {s["knob"]} | {s["from"]:.1e} | {s["to"]:.1e} | {s["slope"]:.2f} |\n')
     with open(arguments.out / 'pareto.csv', 'w', newline='') as file:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()

@@ -1,4 +1,5 @@
-// Adaptive sampling in REYES: the same picture from any threads and buckets, and whole sums.
+// Adaptive sampling: the error that was wanted is the error that there is, and what is told of it is true;
+// the same picture from any threads and buckets, and whole sums.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -38,8 +39,48 @@ const std::string kStripes = [] {
 
 class Adaptive : public ::testing::TestWithParam<Subject> {};
 
+TEST_P(Adaptive, WantedErrorsAreReachedAndToldHonestly) {
+  for (const char* filter : {"\"box\" 1 1", "\"gaussian\" 2 2"}) {
+    const std::string rib = GetParam().rib;
+    const size_t at = rib.find("\"box\" 1 1");
+    ASSERT_NE(at, std::string::npos);
+    const std::string filtered = rib.substr(0, at) + filter + rib.substr(at + 9);
+    RenderOptions reyes;
+    tracer::TraceRenderOptions rays;
+    // The yardstick: 1024 samples for every pixel.
+    reyes.adaptive = rays.adaptive = AdaptiveSampling{0, 1024, 1024};
+    const Channels truth = renderByReyes(filtered, everythingsShaders(), reyes);
+    const Channels truthOfRays = renderByRays(filtered, everythingsShaders(), rays);
+    for (const double target : {0.03, 0.01}) {
+      const auto check = [&](const char* who, double told, double is, double samples) {
+        std::printf("%-10s %-14s wanted %.4f: %-5s told %.5f, is %.5f, %.1f samples\n", GetParam().name,
+                    filter, target, who, told, is, samples);
+        EXPECT_LE(is, 1.3 * target) << who;
+        // Fewer than 8 samples there are not, which is good enough for some.
+        if (samples > 10) {
+          EXPECT_GE(is, 0.5 * target) << who << " does more than it was asked for";
+        }
+        EXPECT_LE(is, 1.4 * told) << who;
+        EXPECT_GE(is, 0.5 * told) << who;
+      };
+      reyes.adaptive = rays.adaptive = AdaptiveSampling::toError(target);
+      FrameStatistics a;
+      const Channels byReyes = renderByReyes(filtered, everythingsShaders(), reyes, nullptr, &a);
+      check("REYES", a.errors.rmse(), rmse(byReyes, truth), double(a.samples) / double(a.pixels));
+      tracer::TraceRenderStatistics b;
+      const Channels byRays = renderByRays(filtered, everythingsShaders(), rays, &b);
+      check("rays", b.errors.rmse(), rmse(byRays, truthOfRays), double(b.samples) / double(b.pixels));
+    }
+  }
+}
+
 TEST_P(Adaptive, SameBitsForAnyThreadsAndBuckets) {
   RenderOptions o;
+  o.adaptive = AdaptiveSampling::toError(0.02);
+  const Channels toError = renderByReyes(GetParam().rib, everythingsShaders(), o);
+  o.threads = 1, o.bucketSize = 24;
+  EXPECT_EQ(renderByReyes(GetParam().rib, everythingsShaders(), o).values, toError.values) << "to an error";
+  o = {};
   o.adaptive = AdaptiveSampling{1e-4f, 4, 64};
   FrameStatistics s;
   const Channels one = renderByReyes(GetParam().rib, everythingsShaders(), o, nullptr, &s);

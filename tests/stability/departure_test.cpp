@@ -10,7 +10,8 @@ using namespace cache;
 
 struct Start {
   NodeId node;
-  Vec3 p, normal;  // geometric, out of the model
+  Vec3 p, normal;  // geometric, oriented as the surface is
+  float out;       // 1 or -1: the normal points out of the model, or into it
 };
 
 /// Points that shaders stand on: vertices of grids (every stride's are among them), and points where rays
@@ -36,8 +37,8 @@ std::vector<Start> shadedPoints(TracedModel& model, size_t wanted) {
     for (int c = 0; c < 3; ++c)
       ng[c].resize(n), p[c].resize(n), out.Ng[c] = ng[c].data(), out.P[c] = p[c].data();
     const auto take = [&](size_t i) {
-      Start s{id, {p[0][i], p[1][i], p[2][i]}, {ng[0][i], ng[1][i], ng[2][i]}};
-      if (glm::dot(s.normal, s.p - model.inside) < 0) s.normal = -s.normal;  // all are star-shaped, or nearly
+      Start s{id, {p[0][i], p[1][i], p[2][i]}, {ng[0][i], ng[1][i], ng[2][i]}, 1};
+      if (glm::dot(s.normal, s.p - model.inside) < 0) s.out = -1;  // all are star-shaped, or nearly
       all.push_back(s);
     };
     model.cache().evaluateDiced(id, n, cell.data(), u.data(), v.data(), out);
@@ -118,11 +119,11 @@ TEST_P(Leaving, NothingShadowsConvexSurfacesAndInsidesAreClosed) {
     uint64_t falseHits = 0, falseShadows = 0, lost = 0, slivers = 0, rays = 0;
     for (const Start& s : starts) {
       const float cosine = anyCosine(rays++, random);
-      tracer::Ray out = leaving(*scene, s, directionAt(s.normal, cosine, random));
+      tracer::Ray out = leaving(*scene, s, directionAt(s.normal, s.out * cosine, random));
       falseHits += scene->closest(out).any();
       out.farDistance = 100, out.endsOnSurface = true;
       falseShadows += scene->obstacle(out) != tracer::Obstacle::kNone;
-      const tracer::Ray in = leaving(*scene, s, directionAt(s.normal, -cosine, random));
+      const tracer::Ray in = leaving(*scene, s, directionAt(s.normal, -s.out * cosine, random));
       if (scene->closest(in).any()) continue;
       lost += runsInside(*scene, model.inside, s.p, in.direction);
       // On a unit sphere it is known how deep the ray goes.

@@ -77,8 +77,8 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   auto* errorOption =
       app.add_option(
              "--error", error,
-             "Adaptive sampling: 8 samples a pixel, then more, up to 1024, until each pixel's estimated\n"
-             "error is at most this. Tells what error the picture has")
+             "Adaptive sampling: as many samples as the picture needs to have about this error (RMSE, white\n"
+             "is 1), where it needs them, up to 1024 a pixel. Tells what error it has")
           ->type_name("E")
           ->check(CLI::Range(1e-6, 1.0));
   app.add_option(
@@ -108,6 +108,10 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
                  "/var/tmp or /tmp). Nothing stays there")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
+  app.add_flag("--deterministic", c.deterministic,
+               "The same picture, bit for bit, on every machine: rays are traced with the instructions that\n"
+               "all of them have, a little slower. (On one machine it is the same anyway, whatever the\n"
+               "threads, transport, memory and caches)");
   app.add_flag("--progress", c.progress, "Show a progress bar (default on a terminal)");
   app.add_flag("--no-progress", noProgress, "Show none");
   app.add_flag(

@@ -24,6 +24,7 @@ struct CommandLine {
   bool progress = false;
   bool stats = false;
   bool resume = false;
+  bool deterministic = false;
   bool quiet = false;
   std::string shaderPath;  // colon-separated, searched first
 };

@@ -12,6 +12,7 @@
 
 #include "base/cores.h"
 #include "base/interrupt.h"
+#include "base/isa.h"
 #include "base/log.h"
 #include "oracle/ray_client.h"
 #include "reyes/renderer.h"
@@ -136,6 +137,7 @@ bool isCacheFile(const std::string& path) { return std::filesystem::path(path).e
 }  // namespace
 
 int runJob(const CommandLine& c) {
+  if (c.deterministic) beDeterministic();
   setLogLevel(c.quiet ? Severity::kError : Severity::kInfo);
   const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));

@@ -135,8 +135,8 @@ const Option kOptions[] = {
      "of the pixel is at most v",
      takeAdaptive},
     {"error", "e", 1, 1,
-     "adaptive sampling: 8 samples a pixel, then more, up to 1024, until each pixel's estimated error\n"
-     "is at most e",
+     "adaptive sampling: as many samples as the picture needs to have about this error (RMSE, white\n"
+     "is 1), where it needs them, up to 1024 a pixel",
      [](Parser& p, Values v) {
        double error = 0;
        if (!p.number(v[0], 1e-6, 1, error)) return false;
@@ -176,6 +176,10 @@ const Option kOptions[] = {
      }},
     {"threads", "n", 1, 1, "threads (default: all cores)",
      [](Parser& p, Values v) { return p.number(v[0], 1, 1024, p.c.threads); }},
+    {"deterministic", "", 0, 0,
+     "the same picture, bit for bit, on every machine: rays are traced with the instructions that all\n"
+     "of them have, a little slower. (On one machine it is the same anyway)",
+     [](Parser& p, Values) { return p.c.deterministic = true; }},
     {"patch_multiplier", "m", 1, 1,
      "tessellation rate of curved surfaces where the RIB has no Attribute \"render\"\n"
      "\"patch_multiplier\": 1 (default) traces them as fine as frankenrender draws them; 0.5 every\n"

@@ -23,6 +23,7 @@ struct RendribCommandLine {
   bool safe = false, window = false, verbose = false, stats = false, silent = false, beep = false;
   bool progressLines = false;  // "R90000 nn%", for queue managers
   bool radiosity = false;      // asked for
+  bool deterministic = false;
   std::string shaderPath;      // colon-separated, searched first
 };
 

@@ -59,6 +59,9 @@ ParsedRayServerCommand parseRayServerCommand(int argc, char** argv) {
   app.add_option("--samples", samples, "Accepted, of no effect")->expected(2)->type_name("X Y");
   app.add_option("--shaders", c.shaderPath, "Folders of shaders, colon-separated, searched first")
       ->type_name("PATH");
+  app.add_flag("--deterministic", c.deterministic,
+               "The same answers, bit for bit, on every machine: rays are traced with the instructions that\n"
+               "all of them have, a little slower");
   std::string memory;
   app.add_option("--memory", memory,
                  "Most that the server may hold in memory: 512M, 2G. The scene goes to files in the scratch\n"
@@ -120,6 +123,7 @@ ParsedRayServerCommand parseRayServerCommand(int argc, char** argv) {
     c.load = std::move(parsed.run->load);
     c.memory = std::move(parsed.run->memory);
     c.shaderPath = std::move(parsed.run->shaderPath);
+    c.deterministic |= parsed.run->deterministic;
   }
   if (app.count("--memory") > 0) {
     const auto bytes = parseMemorySize(memory);

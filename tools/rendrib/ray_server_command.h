@@ -18,7 +18,7 @@ struct RayServerCommand {
   int threads = 0;   // 0: all cores
   MemoryOptions memory;
   float patchMultiplier = 0.5f;
-  bool silent = false;
+  bool silent = false, deterministic = false;
   std::string shaderPath;  // colon-separated, searched first
 };
 

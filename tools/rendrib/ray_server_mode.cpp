@@ -16,6 +16,7 @@
 #include <thread>
 
 #include "base/cores.h"
+#include "base/isa.h"
 #include "base/log.h"
 #include "shading/shader_library.h"
 #include "shading/shading_system.h"
@@ -117,6 +118,7 @@ int runRayServer(int argc, char** argv) {
   ParsedRayServerCommand parsed = parseRayServerCommand(argc, argv);
   if (!parsed.run) return parsed.exitCode;
   const RayServerCommand& c = *parsed.run;
+  if (c.deterministic) beDeterministic();
   setLogLevel(c.silent ? Severity::kError : Severity::kInfo);
   const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));

@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "base/cores.h"
+#include "base/isa.h"
 #include "base/log.h"
 #include "shading/shader_library.h"
 #include "tools/rendrib/command_line.h"
@@ -106,6 +107,7 @@ void warnOfIgnoredOptions(const RendribCommandLine& c, bool cacheFile) {
 }
 
 int runScenes(RendribCommandLine c) {
+  if (c.deterministic) beDeterministic();
   const int threads = c.threads > 0 ? c.threads : availableCores();
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
 
