@@ -135,7 +135,9 @@ void RayScene::leave(Ray& ray, cache::NodeId node, const Vec3& normal) const {
   ray.nearDistance = d.nearDistance;
   if (d.surfaceGroup == cache::kNone) return;
   const Vec3 start = ray.origin;
-  const Vec3 up = normal * ((d.cosine < 0 ? -1.0f : 1.0f) / glm::length(normal));
+  // Rays that are as good as in the surface have a side too.
+  const float side = glm::dot(ray.direction, normal) < 0 ? -1.0f : 1.0f;
+  const Vec3 up = normal * (side / glm::length(normal));
   const float rounding = kRounding * largestCoordinate(start);
   // Where two surfaces meet, a point of one lies on the other, as far as rounding goes. Over its own surface,
   // and a little less behind itself, a ray misses the other one where the two make an edge, and meets it
@@ -156,7 +158,7 @@ void RayScene::leave(Ray& ray, cache::NodeId node, const Vec3& normal) const {
   probe.farDistance = kProbeSagittas * deviation + 2 * rounding;
   HitFilter filter(this, &probe);
   filter.probing = true;
-  filter.sense = d.cosine < 0 ? -1.0f : 1.0f;
+  filter.sense = side;
   RTCRayHit rh;
   rh.ray = embreeRay(probe);
   rh.hit.geomID = RTC_INVALID_GEOMETRY_ID;

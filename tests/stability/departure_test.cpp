@@ -133,8 +133,8 @@ TEST_P(Leaving, NothingShadowsConvexSurfacesAndInsidesAreClosed) {
     // these rays graze, so diffuse ones see much less of it.
     EXPECT_LE(falseHits, rays / 4000) << "of " << rays << " at " << multiplier;
     EXPECT_LE(falseShadows, rays / 4000) << "of " << rays << " at " << multiplier;
-    EXPECT_LE(lost, rays / 100) << "of " << rays << " at " << multiplier;
-    EXPECT_LE(slivers, rays / 100) << "of " << rays << " at " << multiplier;
+    EXPECT_LE(lost, rays / 80) << "of " << rays << " at " << multiplier;
+    EXPECT_LE(slivers, rays / 80) << "of " << rays << " at " << multiplier;
   }
 }
 

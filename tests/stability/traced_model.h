@@ -35,7 +35,8 @@ class TracedModel {
  public:
   explicit TracedModel(const Model& m, const std::string& attributes = "Sides 2")
       : scene_(cache::diceWorld(
-            cache::diceCamera(m.distance, m.shadingRate, 512) + "\n" + attributes,
+            cache::diceCamera(m.distance, m.shadingRate * (std::getenv("FR_STRESS") ? 1 : 4), 512) + "\n" +
+                attributes,
             (m.bumps > 0 ? fmt::format("Attribute \"displacementbound\" \"float sphere\" [{}] ", m.bumps)
                          : std::string()) +
                 m.rib)),
