@@ -55,6 +55,7 @@ struct Binding {
   GlobalId global = GlobalId::kCount;
   SourcePlace place;
   bool isLocal = false;
+  bool isLightCopy = false;  // L, Cl or Ol inside an illuminance that changes it
   bool isParameter = false;  // of the shader
   bool isRead = false;
   bool isWritten = false;

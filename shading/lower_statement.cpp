@@ -1,11 +1,39 @@
 #include "shading/lower.h"
 
+#include <algorithm>
 #include <cmath>
+
+#include "shading/builtins.h"
 
 namespace fr {
 
 using ast::ExprKind;
 using ast::StmtKind;
+
+namespace {
+
+/// Whether something there may change the variable `name`: an assignment, or a function it is given to.
+bool mayWrite(const ast::Expr& e, std::string_view name) {
+  const auto isIt = [&](const ast::Expr& target) {
+    return (target.kind == ExprKind::kName || target.kind == ExprKind::kIndex) && target.text == name;
+  };
+  if (e.kind == ExprKind::kAssign && isIt(*e.args[0])) return true;
+  if (e.kind == ExprKind::kCall && (e.text.starts_with("set") || findBuiltins(e.text).empty()) &&
+      std::any_of(e.args.begin(), e.args.end(), [&](const ast::Expr* a) { return isIt(*a); }))
+    return true;
+  return std::any_of(e.args.begin(), e.args.end(), [&](const ast::Expr* a) { return mayWrite(*a, name); });
+}
+
+bool mayWrite(const ast::Stmt& s, std::string_view name) {
+  for (const ast::Expr* e : s.exprs)
+    if (e && mayWrite(*e, name)) return true;
+  for (const ast::Variable& v : s.variables)
+    if (v.init && mayWrite(*v.init, name)) return true;
+  return std::any_of(s.body.begin(), s.body.end(),
+                     [&](const ast::Stmt* inner) { return inner && mayWrite(*inner, name); });
+}
+
+}  // namespace
 
 void Lower::statement(const Stmt& s, bool tail) {
   if (tooBig_) return;
@@ -207,7 +235,9 @@ void Lower::declaration(const Stmt& s) {
       // The variable of the surroundings: where the function is written, else where it was called.
       Scope* function = scope_;
       while (function && !function->isFunction) function = function->parent;
-      Binding* target = findFrom(function ? function->parent : scope_->parent, v.name, nullptr);
+      Binding* target = findFrom(scope_, v.name, nullptr);
+      if (!target || !target->isLightCopy)
+        target = findFrom(function ? function->parent : scope_->parent, v.name, nullptr);
       for (Scope* c = function ? function->caller : nullptr; c && !target;) {
         target = findFrom(c, v.name, nullptr);
         while (c && !c->isFunction) c = c->parent;
@@ -441,7 +471,21 @@ void Lower::illuminance(const Stmt& s) {
   frames_.back()->loops++;
   lightDepth_++;
   storeOutputs(outputs);
+  // What the body makes of L, Cl and Ol is its own affair: it works on copies.
+  Scope copies;
+  pushScope(copies);
+  for (const char* name : {"L", "Cl", "Ol"}) {
+    const Binding* from = findFrom(&globals_, name, nullptr);
+    if (from->symbol == kNoIndex || !mayWrite(*s.body[0], name)) continue;
+    Binding b;
+    b.type = from->type;
+    b.symbol = b_.local(name, b.type);
+    b.isRead = b.isWritten = b.isLightCopy = true;
+    b_.assign(b.symbol, from->symbol);
+    copies.variables.emplace(name, b);
+  }
   scoped(*s.body[0], false);
+  popScope();
   lightDepth_--;
   frames_.back()->loops--;
   at(s.place);

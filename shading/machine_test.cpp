@@ -142,6 +142,28 @@ TEST_F(MachineTest, LightsMayTurnL) {
   }
 }
 
+TEST_F(MachineTest, SurfacesMayChangeTheirCopyOfTheLight) {
+  for (const bool native : {false, true}) {
+    f.native = native;
+    const auto light = f.shader("light l() { solar (vector (0, 0, -1), 0) { Cl = color (1, 2, 3); } }");
+    const auto s = f.shader(
+        "void halve(output color c) { c *= .5; }"
+        "surface t() { illuminance (P) { extern color Cl; if (u >= .5) Cl *= 2; halve(Cl); L = vector (0, 7, "
+        "0); "
+        "Cl[2] = length(L); Ci += Cl; } illuminance (P) Ci += 10 * Cl; Ci += 100 * diffuse(normal (0, 0, "
+        "1)); "
+        "}");
+    ASSERT_TRUE(light && s) << f.error;
+    f.run(*s, {light.get(), light.get()});
+    for (uint32_t i = 0; i < f.count; ++i) {
+      const float k = f.batch.globals[size_t(GlobalId::k_u)].at(i, 0) >= 0.5f ? 1.0f : 0.5f;
+      EXPECT_NEAR(f.Ci(i, 0), 2 * (k + 110), 1e-3);
+      EXPECT_NEAR(f.Ci(i, 1), 2 * (2 * k + 220), 1e-3);
+      EXPECT_NEAR(f.Ci(i, 2), 2 * (7 + 330), 1e-3);
+    }
+  }
+}
+
 TEST_F(MachineTest, Loops) {
   expect("float i; for (i = 0; i < 5; i += 1) r += i;", [](double, double) { return 10; });
   expect("float i = 0; while (i < u * 8) { r += 1; i += 1; }",

@@ -195,6 +195,7 @@ bool Parser::variableName(Variable& v) {
 bool Parser::formals(std::vector<Variable>& out) {
   if (!expect("(", "before the parameters")) return false;
   while (!peek().is(")")) {
+    if (accept(";")) continue;  // what macros leave that expand to nothing
     Variable group;
     group.cls = SlClass::kUniform;
     specifiers(group);
