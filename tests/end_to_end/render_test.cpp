@@ -60,6 +60,26 @@ const std::string kRayMirror =
     "  Ci = Os * Cs * Kr * trace(P, reflect(normalize(I), Nf)) + 0.05;\n"
     "}\n";
 
+// Points where two walls meet lie on both: their rays must not slip out between them.
+TEST(Render, NoRayLeavesAClosedRoom) {
+  Workspace w;
+  w.write(
+      "inroom.sl",
+      "surface inroom() { normal Nf = faceforward(normalize(N), I); Ci = occlusion(P, Nf, 16); Oi = 1; }");
+  const std::string quads =
+      "Surface \"inroom\"\nRotate 10 0 1 0\n"
+      "Polygon \"P\" [-6 -4 -8  6 -4 -8  6 -4 6  -6 -4 6]\nPolygon \"P\" [-6 5 -8  6 5 -8  6 5 6  -6 5 6]\n"
+      "Polygon \"P\" [-6 -4 -8  -6 5 -8  -6 5 6  -6 -4 6]\nPolygon \"P\" [6 -4 -8  6 5 -8  6 5 6  6 -4 6]\n";
+  const std::string patches =
+      "Patch \"bilinear\" \"P\" [-6 -4 6  6 -4 6  -6 5 6  6 5 6]\n"
+      "PointsPolygons [3 3] [0 1 2 1 2 3] \"P\" [-6 -4 -8  6 -4 -8  -6 5 -8  6 5 -8]\n";
+  const Picture p = render(w, quads + patches);
+  // Rounding lets a few through, where they go along an edge.
+  double escaped = 0;
+  for (const float v : p.channels.at("R")) escaped += 1 - double(v);
+  EXPECT_LT(escaped, 6);
+}
+
 TEST(Render, AnEmptyWorldIsABlackTransparentPicture) {
   Workspace w;
   const Picture p = render(w, "");
