@@ -78,6 +78,7 @@ surface a() { Ci = ADD(u, v); Oi = 1; })sl"},
       {"trace_opts", R"sl(surface a() { float d = trace(P, N); color c = trace(P, N, "maxdist", 10, "samplecone", .1, "samples", 2, "label", "x", "subset", "set1"); Ci = c * d; Oi = transmission(P, P + N, "samples", 2); })sl"},
       {"gather_else", R"sl(surface a() { color c = 0, h = 0; vector d = 0; gather ("illuminance", P, N, PI/2, 8, "surface:Ci", h, "ray:direction", d, "maxdist", 5) { c += h; } else { c += color environment("x", d); } Ci = c / 8; Oi = 1; })sl"},
       {"occ_opts", R"sl(surface a() { vector e = 0; color ec = 0; float o = occlusion(P, N, 16, "maxdist", 5, "falloff", 1, "falloffmode", 0, "environmentdir", e, "bias", .01, "coneangle", PI/3, "distribution", "cosine"); Ci = 1 - o + .01 * e . e; Oi = 1; })sl"},
+      {"companions_ps", R"sl(surface a(varying vector x = dPdu;) { point corner = point "world" (0, 0, -4); Ci = length(corner - Ps) + length(x); Oi = 1; })sl"},
       {"no_more_params", R"sl(#define REST
 surface a(; float Ka = 1;; REST; color c = 0;) { Ci = Ka + c; Oi = 1; })sl"},
       {"occ_map", R"sl(surface a(string map = "";) { normal n = normalize(N); float o = occlusion(map, P, n, 16) + occlusion("m.tx", P, n, 0, "maxdist", 5, "bias", .01); Ci = 1 - o; Oi = 1; })sl"},

@@ -169,6 +169,12 @@ void Lower::unknownVariable(const Expr& e) {
 
 bool Lower::useGlobal(Binding& b, const SourcePlace& place, bool write) {
   if (!b.isGlobal) return true;
+  if (b.global == GlobalId::k_Ps && !write &&
+      (type_ == ShaderType::kSurface || type_ == ShaderType::kDisplacement || type_ == ShaderType::kVolume)) {
+    // Old shaders (the RenderMan Companion's) say Ps for the point that is shaded, as lights do.
+    if (b.symbol == kNoIndex) b.symbol = b_.global(GlobalId::k_P);
+    return true;
+  }
   const Access access = accessOf(b.global, type_);
   const GlobalInfo& info = globalInfo(b.global);
   if (access == kNo) {

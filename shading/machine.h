@@ -197,6 +197,7 @@ class Machine {
   bool nextGroup(Question& q);
   bool ask(Question& q);
   void computeFootprints();
+  static Vec3 fromTheEdge(const Operand& P, const DerivativeStencil& d, uint32_t lane);
   void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
   Term term(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const;

@@ -163,6 +163,24 @@ void Machine::computeFootprints() {
   footprintsKnown_ = true;
 }
 
+/// For points at the border of a grid, and the vertices of meshlets: a small step into the surface.
+Vec3 Machine::fromTheEdge(const Operand& P, const DerivativeStencil& d, uint32_t lane) {
+  Vec3 all(0);
+  const Vec3 here = at3(P, lane);
+  const auto step = [&](uint32_t lo, uint32_t hi) {
+    if ((lo == lane) == (hi == lane)) return;
+    const Vec3 side = at3(P, lo == lane ? hi : lo) - here;
+    const float length = glm::length(side);
+    // Of the cell, but not lost in rounding far from the origin.
+    const float far = std::max({std::fabs(here.x), std::fabs(here.y), std::fabs(here.z)});
+    const float part = std::min(std::max(0x1p-10f, 1e-6f * far / length), 0.25f);
+    if (length > 0.0f && isFinite(side)) all += side * part;
+  };
+  step(d.uLo[lane], d.uHi[lane]);
+  step(d.vLo[lane], d.vHi[lane]);
+  return all;
+}
+
 /// Makes rays of a question. True: run() has to return. False: there is nothing to wait for; the answers of
 /// the rays, if any, are misses.
 bool Machine::ask(Question& q) {
@@ -239,6 +257,13 @@ bool Machine::ask(Question& q) {
       from += direction;
       direction = -direction;
       r.onSurface[k] = true;
+    }
+    if (r.onSurface[k] && d && !batch_.copyPeriod) {
+      // Where surfaces meet in an edge, a point of the one lies exactly on the other: its rays must start on
+      // the near side of that, or half of them would leave through the corner of a closed room.
+      const Vec3 inward = fromTheEdge(P, *d, i);
+      from += inward;
+      if (segment) direction -= inward;
     }
     if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
     if (d && d->uScale[i] != 0.0f && !r.single && !segment) {

@@ -44,6 +44,31 @@ TEST(RayCalls, TermsTravelWithTheRays) {
   EXPECT_EQ(std::memcmp(&seen, &nothing, sizeof seen), 0);
 }
 
+TEST(RayCalls, RaysOfTheBorderStartInsideTheSurface) {
+  MachineFixture f;  // cells of 1/7 by 1/4
+  DerivativeStencil stencil;
+  gridStencil(stencil, 7, 4, f.batch.lanes, 1 / 7.0f, 1 / 4.0f);
+  f.batch.stencil = &stencil;
+  int asked = 0;
+  f.oracle = [&](PendingRays& r) {
+    for (uint32_t k = 0; k < r.count; ++k, ++asked) {
+      const Operand P = f.batch.globals[size_t(GlobalId::k_P)];
+      EXPECT_GT(r.origin[0][k], 0) << k;
+      EXPECT_LT(r.origin[0][k], 1) << k;
+      EXPECT_GT(r.origin[1][k], 0) << k;
+      EXPECT_LT(r.origin[1][k], 1) << k;
+      for (int c = 0; c < 3; ++c) EXPECT_NEAR(r.origin[c][k], P.at(r.lane[k], uint32_t(c)), 3e-4) << k;
+      if (r.kind != RayKind::kVisibility) continue;
+      EXPECT_NEAR(r.origin[0][k] + r.direction[0][k], 3, 1e-6);
+      EXPECT_NEAR(r.origin[1][k] + r.direction[1][k], 4, 1e-6);
+    }
+  };
+  const auto s = surface(f, "Ci = trace(P, N) + transmission(P, point (3, 4, 9)) + occlusion(P, N, 2);");
+  ASSERT_TRUE(s);
+  f.run(*s);
+  EXPECT_EQ(asked, int(4 * f.count));
+}
+
 TEST(RayCalls, OthresholdSaysWhereRaysEnd) {
   MachineFixture f;
   RayTerms seen{};
