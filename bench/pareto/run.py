@@ -110,9 +110,12 @@ def main():
                 for sweep, points in scene.sweeps.items():
                     if hider == 'rays' and sweep == 'rate':
                         continue  # rays are shaded where they hit
+                    if hider == 'reyes' and sweep == 'samples' and 'rays' in scene.sweeps:
+                        continue  # samples of one micropolygon all see what its rays have found
                     line = []
                     for knobs in points:
-                        knobs = {'rate': 0.0625, **knobs} if sweep != 'rate' and name == 'zone-plate' else knobs
+                        if sweep != 'rate':
+                            knobs = {'rate': scene.rate, **knobs}
                         seconds, memory, picture = render(arguments, hider, name, knobs, folder)
                         rmse, relative, worst = errors(picture, truth)
                         rows.append({'scene': name, 'hider': hider, 'sweep': sweep, 'amount': amount(sweep, knobs),

@@ -28,8 +28,9 @@ def frame(knobs, camera, world, options=''):
 
 
 class Scene:
-    def __init__(self, rib, value=None, sweeps=(), fine=16):
-        self.rib, self.value, self.sweeps, self.fine = rib, value, sweeps, fine
+    def __init__(self, rib, value=None, sweeps=(), fine=16, rate=1):
+        # `rate`: ShadingRate at which micropolygons show neither in shading nor in outlines.
+        self.rib, self.value, self.sweeps, self.fine, self.rate = rib, value, sweeps, fine, rate
 
 
 # --- a Lambert sphere under a distant light ---
@@ -177,7 +178,7 @@ def defocused(x, y):
 # --- no closed form: the other hider, at many more samples, is the yardstick ---
 
 def teapot_rib(k):
-    return frame(k, PERSPECTIVE + 'Translate 0 -1 9\nRotate 25 1 0 0\n',
+    return frame(k, PERSPECTIVE + 'Translate 0 -1 9\nRotate -25 1 0 0\n',
                  'Attribute "light" "string shadows" ["on"]\nLightSource "distantlight" 1 "from" [2 3 -4] "to" [0 0 0]\n'
                  'LightSource "ambientlight" 2 "intensity" [0.2]\n'
                  'Surface "matte" Polygon "P" [-9 0 -9 -9 0 9 9 0 9 9 0 -9]\n'
@@ -192,13 +193,13 @@ LEVELS = [{'patch_multiplier': m, 'samples': 4} for m in (0.125, 0.25, 0.5, 1)]
 
 SHADERS = {'sky': SKY, 'ball': BALL, 'glass1': GLASS, 'glass2': GLASS2, 'waves': WAVES, 'corner': CORNER, 'plate': PLATE}
 SCENES = {
-    'lambert': Scene(lambert_rib, lambert, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32),
-    'mirror': Scene(mirror_rib, mirror, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32),
-    'area-light': Scene(area_light_rib, area_light, {'rays': RAYS, 'samples': SAMPLES}, 4),
-    'glass-slab': Scene(slab_rib, slab, {'samples': SAMPLES, 'rate': RATES}, 16),
+    'lambert': Scene(lambert_rib, lambert, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
+    'mirror': Scene(mirror_rib, mirror, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
+    'area-light': Scene(area_light_rib, area_light, {'rays': RAYS, 'samples': SAMPLES}, 4, rate=0.25),
+    'glass-slab': Scene(slab_rib, slab, {'samples': SAMPLES, 'rate': RATES}, 16, rate=0.0625),
     'corner': Scene(corner_rib, corner, {'rays': RAYS}, 4),
-    'zone-plate': Scene(plate_rib, plate, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32),
+    'zone-plate': Scene(plate_rib, plate, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
     'moving-edge': Scene(moving_rib, moving, {'samples': SAMPLES, 'error': ERRORS}, 16),
     'defocused-edge': Scene(defocused_rib, defocused, {'samples': SAMPLES, 'error': ERRORS}, 16),
-    'teapot': Scene(teapot_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'patch_multiplier': LEVELS}),
+    'teapot': Scene(teapot_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'patch_multiplier': LEVELS}, rate=0.0625),
 }
