@@ -16,6 +16,7 @@ struct Model {
   double shadingRate = 4;  // at 512 pixels
   bool convex = false;     // the true surface is
   double bumps = 0;        // displaced along its normals by waves of this height
+  bool oneLevel = false;   // traced the same at any stride
 };
 std::ostream& operator<<(std::ostream& out, const Model& m);
 
