@@ -42,7 +42,8 @@ class Adaptive : public ::testing::TestWithParam<Subject> {};
 
 TEST_P(Adaptive, WantedErrorsAreReachedAndToldHonestly) {
   for (const char* filter : {"\"box\" 1 1", "\"gaussian\" 2 2"}) {
-    if (filter[1] == 'b' && GetParam().name[0] != 'S' && effort(0, 1) == 0) continue;  // takes most samples: the long run does it
+    if (filter[1] == 'b' && GetParam().name[0] != 'S' && effort(0, 1) == 0)
+      continue;  // takes most samples: the long run does it
     const std::string rib = GetParam().rib;
     const size_t at = rib.find("\"box\" 1 1");
     ASSERT_NE(at, std::string::npos);
