@@ -134,7 +134,7 @@ const std::vector<Model>& closedModels() {
       {"Blobby",
        "Rotate 30 1 1 0 Blobby 2 [1001 0 1001 16 0 2 0 1] [1.2 0 0 0 0 1.2 0 0 0 0 1.2 0 -0.3 0 0 1  1 0 0 0 "
        "0 1 0 0 0 0 1 0 0.4 0.2 0 1] [\"\"]",
-       DVec3(0, 0, 0), 1.9, 2, false, 0, true},
+       DVec3(0, 0, 0), 1.9, 16, false, 0, true},
       {"Displaced", "Rotate 30 1 1 0 Sphere 1 -1 1 360", DVec3(0.1, 0, 0), 1.9, 1, false, 0.1},
   };
   return models;
