@@ -83,11 +83,10 @@ SamplePattern::SamplePattern(int nx, int ny, bool jitter, uint32_t seed, SampleD
       offsets_.push_back({step(p.x), step(p.y)});
       if (blur) addBlur(s, jitter, pixelSeed, dimensions);
     }
-    if (!blur) continue;
     const auto all = size_t(perPixel());
     size_t end = dimensions.firstRound > 0 ? std::min(size_t(dimensions.firstRound), all) : all;
     for (size_t begin = 0; begin < all; begin = end, end = std::min(2 * end, all))
-      sortSamples(first + begin, end - begin, dimensions);
+      blur ? sortByBlur(first + begin, end - begin, dimensions) : sortByPlace(first + begin, end - begin);
   }
 }
 
@@ -121,7 +120,18 @@ void SamplePattern::addBlur(int sample, bool jitter, uint32_t seed, const Sample
   blurs_.push_back(b);
 }
 
-void SamplePattern::sortSamples(size_t first, size_t n, const SampleDimensions& dimensions) {
+void SamplePattern::sortByPlace(size_t first, size_t n) {
+  // Rows of cells of eight; in each row from left to right.
+  const size_t cells = std::max<size_t>(1, n / 8),
+               rows = std::bit_ceil(size_t(std::ceil(std::sqrt(double(cells)))));
+  const auto at = [&](size_t i) { return offsets_.begin() + ptrdiff_t(first + i); };
+  std::sort(at(0), at(n), [](Offset a, Offset b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
+  for (size_t row = 0; row < rows; ++row)
+    std::sort(at(n * row / rows), at(n * (row + 1) / rows),
+              [](Offset a, Offset b) { return a.x != b.x ? a.x < b.x : a.y < b.y; });
+}
+
+void SamplePattern::sortByBlur(size_t first, size_t n, const SampleDimensions& dimensions) {
   std::vector<size_t> order(n);
   std::iota(order.begin(), order.end(), first);
   std::vector<float> key(n);

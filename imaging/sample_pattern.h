@@ -19,6 +19,7 @@ struct SampleDimensions {
   /// Samples come by time, or by place on the lens when there is no time: the n-th samples of all pixels then
   /// are close to each other in it. Adaptive sampling takes the first `firstRound` samples of a pixel, then
   /// doubles their number again and again: each of these parts is sorted for itself. 0: all together.
+  /// With neither, samples come by their place, so that eight that follow each other lie close together.
   int firstRound = 0;
 };
 
@@ -53,7 +54,8 @@ class SamplePattern {
 
  private:
   void addBlur(int sample, bool jitter, uint32_t seed, const SampleDimensions& dimensions);
-  void sortSamples(size_t first, size_t n, const SampleDimensions& dimensions);
+  void sortByPlace(size_t first, size_t n);
+  void sortByBlur(size_t first, size_t n, const SampleDimensions& dimensions);
 
   int nx_ = 1, ny_ = 1, period_ = 1;
   bool jitter_ = false;

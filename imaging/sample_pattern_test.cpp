@@ -62,7 +62,7 @@ TEST(SamplePattern, TheLensIsADiskEvenlyCovered) {
 }
 
 TEST(SamplePattern, RoundsAreWellSpreadAndSortedForThemselves) {
-  const SamplePattern plain(16, 1, true, 5), blurred(16, 1, true, 5, {true, true, 4});
+  const SamplePattern plain(16, 1, true, 5, {false, false, 4}), blurred(16, 1, true, 5, {true, true, 4});
   const auto sum = [](const SamplePattern& p, size_t begin, size_t end) {
     int s = 0;
     for (size_t i = begin; i < end; ++i) s += p.offsets()[i].x;

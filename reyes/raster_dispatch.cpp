@@ -16,6 +16,18 @@ RasterFunction rasterFunction() {
   return sse4::rasterise;
 }
 
+int rasterWidth() {
+  switch (currentIsa()) {
+    case Isa::kAvx512:
+      return 16;
+    case Isa::kAvx2:
+      return 8;
+    case Isa::kSse4:
+      break;
+  }
+  return 4;
+}
+
 BlurFunction blurFunction() {
   switch (currentIsa()) {
     case Isa::kAvx512:

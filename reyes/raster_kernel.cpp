@@ -1,142 +1,394 @@
-// Compiled once per instruction set (FR_ISA). Coverage is decided in exact arithmetic: 32-bit integers for
-// triangles of a few pixels, doubles that hold integers for larger ones.
+// Compiled once per instruction set (FR_ISA). Coverage is decided in exact arithmetic: products of 16-bit
+// differences in 32 bits for micropolygons of a few pixels, doubles that hold integers for larger ones.
+//
+// A cell of a grid is tested as one quadrilateral: which side of the diagonal a sample lies on says which of
+// the two triangles could hold it, so each sample is looked at once. What is tested are the groups of samples
+// whose box the cell's box meets (SampleGroup), one vector at a time.
 #include "reyes/raster_kernel.h"
+
+#include <bit>
 
 #include "reyes/raster_space.h"
 #include "reyes/sample_buffer.h"
+#include "shading/simd.h"
 
 namespace fr::reyes::FR_ISA {
 namespace {
 
-/// Largest side, in subpixel steps, of triangles drawn in int32: the products of an edge (16 pixels) and the
-/// distance of a sample from a vertex (16 pixels, and 17 more for the padding of runs) stay below 2^30.
-constexpr int32_t kSmallSide = 16 * kSubpixels;
+using namespace fr::FR_ISA;
 
-/// Edge a -> b of a triangle with positive area: e(p) >= 0 inside.
-template <class T>
-struct Edge {
-  T dx, dy, bias;
-  int32_t x, y;
-  Edge(int32_t ax, int32_t ay, int32_t bx, int32_t by) : dx(T(bx - ax)), dy(T(by - ay)), x(ax), y(ay) {
-    // Of the two directions of an edge exactly one owns the samples that lie on it.
-    const bool owns = dy > 0 || (dy == 0 && dx < 0);
-    bias = owns ? T(0) : T(1);
-  }
-  T at(int32_t px, int32_t py) const { return dx * T(py - y) - dy * T(px - x); }
-};
+constexpr int kWidth = int(kLanes);
+
+/// Largest side, in subpixel steps, of what is tested in 16-bit differences: a sample is at most this far
+/// from a corner, and up to 17 pixels more where a run of samples is padded to whole vectors, less than 32
+/// pixels in all.
+constexpr int32_t kSmallSide = 12 * kSubpixels;
 
 int32_t min3(int32_t a, int32_t b, int32_t c) { return a < b ? (a < c ? a : c) : (b < c ? b : c); }
 int32_t max3(int32_t a, int32_t b, int32_t c) { return a > b ? (a > c ? a : c) : (b > c ? b : c); }
 
-struct Triangle {
-  int32_t x[3], y[3];
-  float key[3];
-  uint32_t hit;
-  int column0, column1, row0, row1;
-  float area;
+/// Of the two directions of an edge exactly one owns the samples that lie on it. Edge a -> b holds a sample s
+/// with dx (s.y - a.y) - dy (s.x - a.x) >= bias.
+template <class T>
+T biasOf(T dx, T dy) {
+  return dy > 0 || (dy == 0 && dx < 0) ? T(0) : T(1);
+}
+
+FR_INLINE VI loadInt(const void* from) {
+  VI v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
+FR_INLINE V loadFloat(const float* from) {
+  V v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
+/// Differences of packed 16-bit coordinates.
+FR_INLINE VI difference16(VI a, VI b) {
+#if defined(FR_ISA_avx512)
+  return (VI)_mm512_sub_epi16((__m512i)a, (__m512i)b);
+#elif defined(FR_ISA_avx2)
+  return (VI)_mm256_sub_epi16((__m256i)a, (__m256i)b);
+#else
+  return (VI)_mm_sub_epi16((__m128i)a, (__m128i)b);
+#endif
+}
+/// The sum of the products of both 16-bit halves.
+FR_INLINE VI dot16(VI a, VI b) {
+#if defined(FR_ISA_avx512)
+  return (VI)_mm512_madd_epi16((__m512i)a, (__m512i)b);
+#elif defined(FR_ISA_avx2)
+  return (VI)_mm256_madd_epi16((__m256i)a, (__m256i)b);
+#else
+  return (VI)_mm_madd_epi16((__m128i)a, (__m128i)b);
+#endif
+}
+/// Bit i: lane i is negative.
+FR_INLINE uint32_t signBits(VI m) {
+#if defined(FR_ISA_avx512)
+  return uint32_t(_mm512_movepi32_mask((__m512i)m));
+#elif defined(FR_ISA_avx2)
+  return uint32_t(_mm256_movemask_ps((__m256)m));
+#else
+  return uint32_t(_mm_movemask_ps((__m128)m));
+#endif
+}
+/// Where m is negative a, else b.
+FR_INLINE VI pick(VI m, VI a, VI b) { return m < 0 ? a : b; }
+FR_INLINE V pick(VI m, V a, V b) { return m < 0 ? a : b; }
+constexpr uint32_t kAllLanes = (1u << kWidth) - 1;
+FR_INLINE uint32_t firstLanes(int n) { return n >= kWidth ? kAllLanes : (1u << n) - 1; }
+
+/// A sample on the surface at the depth that another one has there: the lower (rank, triangle) wins.
+bool winsTie(const RasterTarget& target, uint32_t hit, uint32_t other) {
+  if (other == hit || other == kNothing) return false;
+  const uint64_t mine = target.slotRank[hit >> kTriangleBits], its = target.slotRank[other >> kTriangleBits];
+  return mine < its || (mine == its && (hit & kTriangleMask) < (other & kTriangleMask));
+}
+
+/// Pixels of the tile, inclusive.
+struct Pixels {
+  int column0, row0, column1, row1;
+  bool empty() const { return column0 > column1 || row0 > row1; }
+  size_t count() const { return size_t(column1 - column0 + 1) * size_t(row1 - row0 + 1); }
+};
+Pixels pixelsOf(int32_t x0, int32_t y0, int32_t x1, int32_t y1, const RasterTarget& target) {
+  Pixels p{x0 >> kSubpixelBits, y0 >> kSubpixelBits, x1 >> kSubpixelBits, y1 >> kSubpixelBits};
+  if (p.column0 < 0) p.column0 = 0;
+  if (p.row0 < 0) p.row0 = 0;
+  if (p.column1 >= target.columns) p.column1 = target.columns - 1;
+  if (p.row1 >= target.rows) p.row1 = target.rows - 1;
+  return p;
+}
+void touch(const Pixels& p, RasterTarget& target) {
+  if (p.column0 < target.column0) target.column0 = p.column0;
+  if (p.column1 > target.column1) target.column1 = p.column1;
+  if (p.row0 < target.row0) target.row0 = p.row0;
+  if (p.row1 > target.row1) target.row1 = p.row1;
+}
+bool hasRoom(const Pixels& p, const RasterTarget& target) {
+  return !target.fragments ||
+         target.fragmentCount + p.count() * size_t(target.perPixel) <= target.fragmentCapacity;
+}
+
+// ---- small: all of a triangle, or of a cell's two
+
+struct Corner {
+  int32_t x, y;
+  float key;
 };
 
-template <class T>
-void draw(const Triangle& t, RasterTarget& target) {
-  const Edge<T> e0(t.x[0], t.y[0], t.x[1], t.y[1]);
-  const Edge<T> e1(t.x[1], t.y[1], t.x[2], t.y[2]);
-  const Edge<T> e2(t.x[2], t.y[2], t.x[0], t.y[0]);
-  const float inverse = 1 / t.area;
-  // e2 is the weight of vertex 1, e0 that of vertex 2.
-  const float k0 = t.key[0], k1 = (t.key[1] - k0) * inverse, k2 = (t.key[2] - k0) * inverse;
-  const uint32_t hit = t.hit;
-  for (int row = t.row0; row <= t.row1; ++row) {
-    const size_t first = size_t(row) * size_t(target.rowStride) + size_t(t.column0 * target.perPixel);
-    int n = (t.column1 - t.column0 + 1) * target.perPixel;
-    const int32_t* __restrict px = target.x + first;
-    const int32_t* __restrict py = target.y + first;
-    float* __restrict depth = target.depth + first;
-    uint32_t* __restrict hits = target.hit + first;
-    if (target.fragments) {
-      for (int i = 0; i < n; ++i) {
-        const T w0 = e0.at(px[i], py[i]), w1 = e1.at(px[i], py[i]), w2 = e2.at(px[i], py[i]);
-        if (!(w0 >= e0.bias && w1 >= e1.bias && w2 >= e2.bias)) continue;
-        const float k = k0 + float(w2) * k1 + float(w0) * k2;
-        if (k <= depth[i])
-          target.fragments[target.fragmentCount++] = {uint32_t(first) + uint32_t(i), hit, k, 0};
-      }
-      continue;
-    }
-    n = (n + 7) & ~7;  // the samples behind the run are real ones or can be hit by nothing
-    int ties = 0;
-    for (int i = 0; i < n; ++i) {
-      const T w0 = e0.at(px[i], py[i]), w1 = e1.at(px[i], py[i]), w2 = e2.at(px[i], py[i]);
-      const bool inside = (w0 >= e0.bias) & (w1 >= e1.bias) & (w2 >= e2.bias);
-      const float k = k0 + float(w2) * k1 + float(w0) * k2;
-      const float old = depth[i];
-      const uint32_t oldHit = hits[i];
-      const bool nearer = inside & (k < old);
-      ties |= int(inside & (k == old));
-      depth[i] = nearer ? k : old;
-      hits[i] = nearer ? hit : oldHit;
-    }
-    if (!ties) continue;
-    for (int i = 0; i < n; ++i) {
-      const T w0 = e0.at(px[i], py[i]), w1 = e1.at(px[i], py[i]), w2 = e2.at(px[i], py[i]);
-      if (!(w0 >= e0.bias && w1 >= e1.bias && w2 >= e2.bias)) continue;
-      const float k = k0 + float(w2) * k1 + float(w0) * k2;
-      if (k != depth[i] || hits[i] == hit || hits[i] == kNothing) continue;
-      const uint64_t mine = target.slotRank[hit >> kTriangleBits],
-                     other = target.slotRank[hits[i] >> kTriangleBits];
-      if (mine < other || (mine == other && (hit & kTriangleMask) < (hits[i] & kTriangleMask))) hits[i] = hit;
+/// e(s) = dot16(d, s - base) + offset, less the bias: not negative for samples that the edge holds.
+struct SmallEdge {
+  VI d, offset;
+  int32_t bias;
+  void set(const Corner& from, const Corner& to, const Corner& base) {
+    const int32_t dx = to.x - from.x, dy = to.y - from.y;
+    bias = biasOf(dx, dy);
+    // x in the low half, y in the high one, as in RasterTarget::xy.
+    d = splatInt(int32_t(uint32_t(dx) << 16 | (uint32_t(-dy) & 0xffff)));
+    offset = splatInt(dy * (from.x - base.x) - dx * (from.y - base.y) - bias);
+  }
+  VI at(VI s) const { return dot16(d, s) + offset; }
+};
+
+/// The triangle a, b, c of positive area; and, `kQuad`, beside it the triangle b, d, c, of positive area too.
+template <bool kQuad>
+class SmallFace {
+ public:
+  SmallFace(const Corner& a, const Corner& b, const Corner& c, const Corner& d, int32_t area, int32_t area2,
+            uint32_t hit) {
+    base_ = splatInt(int32_t(uint32_t(a.y) << 16 | (uint32_t(a.x) & 0xffff)));
+    ab_.set(a, b, a), ca_.set(c, a, a), bc_.set(b, c, a);
+    const float inverse = 1 / float(area);
+    // An edge's value is the weight of the corner opposite to it.
+    key_ = splat(a.key), atB_ = splat((b.key - a.key) * inverse), atC_ = splat((c.key - a.key) * inverse);
+    hit_ = splatInt(int32_t(hit));
+    if constexpr (kQuad) {
+      bd_.set(b, d, a), dc_.set(d, c, a);
+      const float inverse2 = 1 / float(area2);
+      key2_ = splat(b.key), atD_ = splat((d.key - b.key) * inverse2),
+      atC2_ = splat((c.key - b.key) * inverse2);
     }
   }
+
+  /// Tests a vector of samples of which `lanes` count.
+  void test(size_t first, uint32_t lanes, RasterTarget& target) const {
+    const VI s = difference16(loadInt(target.xy + first), base_);
+    const VI ab = ab_.at(s), ca = ca_.at(s), bc = bc_.at(s);
+    VI outside, bd = {};
+    if constexpr (kQuad) {
+      // The diagonal's samples belong to one of the triangles: below its bias they lie beyond it.
+      bd = bd_.at(s);
+      outside = pick(bc, bd | dc_.at(s), ab | ca);
+    } else {
+      outside = ab | ca | bc;
+    }
+    uint32_t inside = ~signBits(outside) & lanes;
+    if (inside == 0) return;
+    V key = key_ + toFloat(ca + ca_.bias) * atB_ + toFloat(ab + ab_.bias) * atC_;
+    VI hit = hit_;
+    if constexpr (kQuad) {
+      const V key2 = key2_ + toFloat(-(bc + bc_.bias)) * atD_ + toFloat(bd + bd_.bias) * atC2_;
+      key = pick(bc, key2, key);
+      hit = hit_ - (bc >> 31);
+    }
+    if (target.fragments) {
+      inside &= ~signBits(key > loadFloat(target.depth + first));
+      for (; inside; inside &= inside - 1) {
+        const int i = std::countr_zero(inside);
+        target.fragments[target.fragmentCount++] = {uint32_t(first) + uint32_t(i), uint32_t(hit[i]), key[i],
+                                                    0};
+      }
+      return;
+    }
+    const V depth = loadFloat(target.depth + first);
+    uint32_t ties = inside & signBits(key == depth);
+    const VI nearer = ~(outside >> 31) & (key < depth);
+    if (lanes == kAllLanes) {
+      const VI other = loadInt(target.hit + first);
+      const V newDepth = select(nearer, key, depth);
+      const VI newHit = nearer ? hit : other;
+      __builtin_memcpy(target.depth + first, &newDepth, sizeof newDepth);
+      __builtin_memcpy(target.hit + first, &newHit, sizeof newHit);
+    } else {
+      for (uint32_t m = inside & signBits(nearer); m; m &= m - 1) {
+        const int i = std::countr_zero(m);
+        target.depth[first + size_t(i)] = key[i], target.hit[first + size_t(i)] = uint32_t(hit[i]);
+      }
+    }
+    for (; ties; ties &= ties - 1) {
+      const int i = std::countr_zero(ties);
+      uint32_t& other = target.hit[first + size_t(i)];
+      if (winsTie(target, uint32_t(hit[i]), other)) other = uint32_t(hit[i]);
+    }
+  }
+
+ private:
+  SmallEdge ab_, ca_, bc_, bd_, dc_;
+  VI base_, hit_;
+  V key_, atB_, atC_, key2_, atD_, atC2_;
+};
+
+template <bool kQuad>
+void drawSmall(const SmallFace<kQuad>& face, const Pixels& p, int32_t x0, int32_t y0, int32_t x1, int32_t y1,
+               RasterTarget& target) {
+  if (target.groupSize != kWidth) {
+    for (int row = p.row0; row <= p.row1; ++row) {
+      const size_t first = size_t(row) * size_t(target.rowStride) + size_t(p.column0 * target.perPixel);
+      const int n = (p.column1 - p.column0 + 1) * target.perPixel;
+      for (int i = 0; i < n; i += kWidth) face.test(first + size_t(i), firstLanes(n - i), target);
+    }
+    return;
+  }
+  const SampleGroup* g = target.groups;
+  for (int k = 0; k < target.perPixel; k += kWidth, ++g) {
+    int column0 = (x0 - g->x1 + kSubpixels - 1) >> kSubpixelBits, column1 = (x1 - g->x0) >> kSubpixelBits;
+    int row0 = (y0 - g->y1 + kSubpixels - 1) >> kSubpixelBits, row1 = (y1 - g->y0) >> kSubpixelBits;
+    if (column0 < p.column0) column0 = p.column0;
+    if (column1 > p.column1) column1 = p.column1;
+    if (row0 < p.row0) row0 = p.row0;
+    if (row1 > p.row1) row1 = p.row1;
+    for (int row = row0; row <= row1; ++row) {
+      size_t at = size_t(row) * size_t(target.rowStride) + size_t(column0 * target.perPixel + k);
+      for (int column = column0; column <= column1; ++column, at += size_t(target.perPixel))
+        face.test(at, kAllLanes, target);
+    }
+  }
+}
+
+// ---- large: triangles in doubles
+
+struct Edge {
+  double dx, dy, bias;
+  int32_t x, y;
+  Edge(const Corner& a, const Corner& b)
+      : dx(double(b.x) - a.x), dy(double(b.y) - a.y), bias(biasOf(dx, dy)), x(a.x), y(a.y) {}
+  double at(int32_t px, int32_t py) const { return dx * (double(py) - y) - dy * (double(px) - x); }
+};
+
+/// A triangle of positive area.
+void drawLarge(const Corner& a, const Corner& b, const Corner& c, float area, const Pixels& p, uint32_t hit,
+               RasterTarget& target) {
+  const Edge e0(a, b), e1(b, c), e2(c, a);
+  const float inverse = 1 / area;
+  const float k0 = a.key, k1 = (b.key - k0) * inverse, k2 = (c.key - k0) * inverse;
+  for (int row = p.row0; row <= p.row1; ++row) {
+    const size_t first = size_t(row) * size_t(target.rowStride) + size_t(p.column0 * target.perPixel);
+    const size_t n = size_t((p.column1 - p.column0 + 1) * target.perPixel);
+    for (size_t i = first; i < first + n; ++i) {
+      const double w0 = e0.at(target.x[i], target.y[i]), w1 = e1.at(target.x[i], target.y[i]),
+                   w2 = e2.at(target.x[i], target.y[i]);
+      if (!(w0 >= e0.bias && w1 >= e1.bias && w2 >= e2.bias)) continue;
+      const float key = k0 + float(w2) * k1 + float(w0) * k2;
+      if (target.fragments) {
+        if (key <= target.depth[i]) target.fragments[target.fragmentCount++] = {uint32_t(i), hit, key, 0};
+      } else if (key < target.depth[i]) {
+        target.depth[i] = key, target.hit[i] = hit;
+      } else if (key == target.depth[i] && winsTie(target, hit, target.hit[i])) {
+        target.hit[i] = hit;
+      }
+    }
+  }
+}
+
+/// Any triangle. False: no room for its fragments.
+bool drawTriangle(Corner a, Corner b, Corner c, uint32_t hit, int cullSign, RasterTarget& target) {
+  const int32_t x0 = min3(a.x, b.x, c.x), x1 = max3(a.x, b.x, c.x);
+  const int32_t y0 = min3(a.y, b.y, c.y), y1 = max3(a.y, b.y, c.y);
+  const Pixels p = pixelsOf(x0, y0, x1, y1, target);
+  if (p.empty()) return true;
+  int64_t area = int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
+  if (area == 0 || (area < 0 ? cullSign < 0 : cullSign > 0)) return true;
+  if (area < 0) {
+    const Corner other = b;
+    b = c, c = other, area = -area;
+  }
+  if (!hasRoom(p, target)) return false;
+  ++target.trianglesTested;
+  touch(p, target);
+  if (x1 - x0 < kSmallSide && y1 - y0 < kSmallSide)
+    drawSmall(SmallFace<false>(a, b, c, a, int32_t(area), 0, hit), p, x0, y0, x1, y1, target);
+  else
+    drawLarge(a, b, c, float(area), p, hit, target);
+  return true;
+}
+
+/// Boxes and areas of some cells of a row of a grid.
+struct CellRow {
+  static constexpr uint32_t kMost = 16;
+  int32_t x0[kMost], y0[kMost], x1[kMost], y1[kMost], area[kMost], area2[kMost];
+};
+
+/// The `count` cells from vertex v on, `stride` vertices a row. Areas of cells that are not small are of no
+/// use.
+void measureCells(const RasterTriangles& in, size_t v, size_t stride, uint32_t count, CellRow& row) {
+  const int32_t* __restrict x = in.x + v;
+  const int32_t* __restrict y = in.y + v;
+  const int32_t* __restrict x2 = x + stride;
+  const int32_t* __restrict y2 = y + stride;
+  for (uint32_t i = 0; i < count; ++i) {
+    const int32_t ax = x[i], bx = x[i + 1], cx = x2[i], dx = x2[i + 1];
+    const int32_t ay = y[i], by = y[i + 1], cy = y2[i], dy = y2[i + 1];
+    const int32_t lowX = ax < bx ? ax : bx, lowX2 = cx < dx ? cx : dx;
+    const int32_t lowY = ay < by ? ay : by, lowY2 = cy < dy ? cy : dy;
+    const int32_t highX = ax > bx ? ax : bx, highX2 = cx > dx ? cx : dx;
+    const int32_t highY = ay > by ? ay : by, highY2 = cy > dy ? cy : dy;
+    row.x0[i] = lowX < lowX2 ? lowX : lowX2, row.y0[i] = lowY < lowY2 ? lowY : lowY2;
+    row.x1[i] = highX > highX2 ? highX : highX2, row.y1[i] = highY > highY2 ? highY : highY2;
+    // Unsigned: large cells overflow.
+    const auto cross = [](int32_t px, int32_t py, int32_t qx, int32_t qy) {
+      return int32_t(uint32_t(px) * uint32_t(qy) - uint32_t(py) * uint32_t(qx));
+    };
+    row.area[i] = cross(bx - ax, by - ay, cx - ax, cy - ay);
+    row.area2[i] = cross(dx - bx, dy - by, cx - bx, cy - by);
+  }
+}
+
+/// Cell (i, j) of a grid; `cell` its number. False: no room for its fragments.
+bool drawCell(const RasterTriangles& in, const CellRow& row, uint32_t k, uint32_t i, uint32_t j,
+              uint32_t cell, RasterTarget& target) {
+  const int32_t x0 = row.x0[k], y0 = row.y0[k], x1 = row.x1[k], y1 = row.y1[k];
+  const uint32_t stride = uint32_t(in.nu) + 1, a = j * stride + i, b = a + 1, c = a + stride, d = c + 1;
+  const auto corner = [&](uint32_t v) { return Corner{in.x[v], in.y[v], in.key[v]}; };
+  const auto isSkipped = [&](uint32_t p, uint32_t q, uint32_t r) {
+    return in.skip && (in.skip[p] | in.skip[q] | in.skip[r]);
+  };
+  const uint32_t hit = in.slot << kTriangleBits | 2 * cell;
+  const int32_t area = row.area[k], area2 = row.area2[k];
+  const Pixels p = pixelsOf(x0, y0, x1, y1, target);
+  const bool isOneQuad = x1 - x0 < kSmallSide && y1 - y0 < kSmallSide &&
+                         ((area > 0 && area2 > 0) || (area < 0 && area2 < 0)) && !isSkipped(a, b, c) &&
+                         !isSkipped(b, d, c);
+  if (isOneQuad) {
+    // Seen from behind it has its other two corners the other way round.
+    const bool behind = area < 0;
+    if (behind ? in.cullSign < 0 : in.cullSign > 0) return true;
+    if (!hasRoom(p, target)) return false;
+    target.trianglesTested += 2;
+    touch(p, target);
+    const SmallFace<true> face(corner(a), corner(behind ? c : b), corner(behind ? b : c), corner(d),
+                               behind ? -area : area, behind ? -area2 : area2, hit);
+    drawSmall(face, p, x0, y0, x1, y1, target);
+    return true;
+  }
+  if (target.fragments &&
+      target.fragmentCount + 2 * p.count() * size_t(target.perPixel) > target.fragmentCapacity)
+    return false;
+  if (!isSkipped(a, b, c)) drawTriangle(corner(a), corner(b), corner(c), hit, in.cullSign, target);
+  if (!isSkipped(b, d, c)) drawTriangle(corner(b), corner(d), corner(c), hit + 1, in.cullSign, target);
+  return true;
+}
+
+/// Triangles [first, triangleCount) of a grid; `first` is even.
+uint32_t drawGrid(const RasterTriangles& in, uint32_t first, RasterTarget& target) {
+  const auto columns = uint32_t(in.nu), stride = columns + 1;
+  const int32_t right = target.columns << kSubpixelBits, bottom = target.rows << kSubpixelBits;
+  CellRow row;
+  uint32_t cell = first >> 1, i = cell % columns;
+  for (uint32_t j = cell / columns; j < uint32_t(in.nv); ++j, i = 0)
+    while (i < columns) {
+      const uint32_t count = columns - i < CellRow::kMost ? columns - i : CellRow::kMost;
+      measureCells(in, size_t(j) * stride + i, stride, count, row);
+      for (uint32_t k = 0; k < count; ++k, ++i, ++cell) {
+        if (row.x1[k] < 0 || row.y1[k] < 0 || row.x0[k] >= right || row.y0[k] >= bottom) continue;
+        if (!drawCell(in, row, k, i, j, cell, target)) return 2 * cell;
+      }
+    }
+  return in.triangleCount;
 }
 
 }  // namespace
 
 uint32_t rasterise(const RasterTriangles& in, uint32_t first, RasterTarget& target) {
+  if (!in.indices) return drawGrid(in, first, target);
   for (uint32_t n = first; n < in.triangleCount; ++n) {
-    uint32_t v[3];
-    if (in.indices)
-      v[0] = in.indices[3 * n], v[1] = in.indices[3 * n + 1], v[2] = in.indices[3 * n + 2];
-    else
-      gridTriangle(in.nu, n, v);
+    const uint32_t v[3] = {in.indices[3 * n], in.indices[3 * n + 1], in.indices[3 * n + 2]};
     if (in.skip && (in.skip[v[0]] | in.skip[v[1]] | in.skip[v[2]])) continue;
-    Triangle t;
-    for (int i = 0; i < 3; ++i) t.x[i] = in.x[v[i]], t.y[i] = in.y[v[i]], t.key[i] = in.key[v[i]];
-    const int32_t x0 = min3(t.x[0], t.x[1], t.x[2]), x1 = max3(t.x[0], t.x[1], t.x[2]);
-    const int32_t y0 = min3(t.y[0], t.y[1], t.y[2]), y1 = max3(t.y[0], t.y[1], t.y[2]);
-    t.column0 = x0 >> kSubpixelBits, t.column1 = x1 >> kSubpixelBits;
-    t.row0 = y0 >> kSubpixelBits, t.row1 = y1 >> kSubpixelBits;
-    if (t.column0 < 0) t.column0 = 0;
-    if (t.row0 < 0) t.row0 = 0;
-    if (t.column1 >= target.columns) t.column1 = target.columns - 1;
-    if (t.row1 >= target.rows) t.row1 = target.rows - 1;
-    if (t.column0 > t.column1 || t.row0 > t.row1) continue;
-    const int64_t area = int64_t(t.x[1] - t.x[0]) * int64_t(t.y[2] - t.y[0]) -
-                         int64_t(t.y[1] - t.y[0]) * int64_t(t.x[2] - t.x[0]);
-    if (area == 0) continue;
-    if (area < 0) {
-      if (in.cullSign < 0) continue;
-      const int32_t sx = t.x[1], sy = t.y[1];
-      const float sk = t.key[1];
-      t.x[1] = t.x[2], t.y[1] = t.y[2], t.key[1] = t.key[2];
-      t.x[2] = sx, t.y[2] = sy, t.key[2] = sk;
-    } else if (in.cullSign > 0) {
-      continue;
-    }
-    t.area = float(area < 0 ? -area : area);
-    t.hit = in.slot << kTriangleBits | (in.ids ? in.ids[n] : n);
-    if (target.fragments) {
-      const size_t most =
-          size_t(t.column1 - t.column0 + 1) * size_t(t.row1 - t.row0 + 1) * size_t(target.perPixel);
-      if (target.fragmentCount + most > target.fragmentCapacity) return n;
-    }
-    ++target.trianglesTested;
-    if (t.column0 < target.column0) target.column0 = t.column0;
-    if (t.column1 > target.column1) target.column1 = t.column1;
-    if (t.row0 < target.row0) target.row0 = t.row0;
-    if (t.row1 > target.row1) target.row1 = t.row1;
-    if (x1 - x0 < kSmallSide && y1 - y0 < kSmallSide)
-      draw<int32_t>(t, target);
-    else
-      draw<double>(t, target);
+    const auto corner = [&](uint32_t i) { return Corner{in.x[i], in.y[i], in.key[i]}; };
+    const uint32_t hit = in.slot << kTriangleBits | (in.ids ? in.ids[n] : n);
+    if (!drawTriangle(corner(v[0]), corner(v[1]), corner(v[2]), hit, in.cullSign, target)) return n;
   }
   return in.triangleCount;
 }

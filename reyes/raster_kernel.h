@@ -14,11 +14,21 @@ struct Fragment {
   uint32_t next;  // next fragment of the sample; set by the owner of the list
 };
 
+/// Where some samples of every pixel of a tile lie: inclusive bounds within the pixel, subpixel steps.
+struct SampleGroup {
+  int32_t x0, y0, x1, y1;
+};
+
 /// Where triangles are drawn: views of a SampleBuffer and of the tile's tables.
 struct RasterTarget {
   int columns = 0, rows = 0, perPixel = 0, rowStride = 0;
   const int32_t* x = nullptr;
   const int32_t* y = nullptr;
+  const uint32_t* xy = nullptr;  // x and y again, modulo 2^16: x in the low half
+  /// Samples [k groupSize, (k + 1) groupSize) of each pixel are group k. Kernels whose vectors have another
+  /// size do not use them.
+  const SampleGroup* groups = nullptr;
+  int groupSize = 0;
   float* depth = nullptr;
   uint32_t* hit = nullptr;
   /// Rank of the grid in each slot: of two hits at the same depth the lower (rank, triangle) wins, whichever
@@ -63,6 +73,8 @@ inline void gridTriangle(int nu, uint32_t t, uint32_t out[3]) {
 /// triangles.
 using RasterFunction = uint32_t (*)(const RasterTriangles&, uint32_t first, RasterTarget&);
 RasterFunction rasterFunction();
+/// Samples in a vector of that function: the size of the groups that it uses.
+int rasterWidth();
 
 namespace sse4 {
 uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);

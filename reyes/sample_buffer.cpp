@@ -13,7 +13,10 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
   const int used = rect.width() * perPixel_;
   rowStride_ = (used + kRunPadding - 1) / kRunPadding * kRunPadding + kRunPadding;
   const size_t n = size_t(rowStride_) * size_t(rect.height()) + kRunPadding;
-  x.assign(n, 0), y.assign(n, 0);
+  x.assign(n, 0), y.assign(n, 0), xy.assign(n, 0);
+  const int group = rasterWidth();
+  groups_.clear();
+  if (perPixel_ % group == 0) groups_.assign(size_t(perPixel_ / group), {kSubpixels, kSubpixels, 0, 0});
   depth.assign(n, -kInfinity);  // the padding keeps it: nothing is nearer
   hit.assign(n, kNothing);
   for (int row = 0; row < rect.height(); ++row)
@@ -26,10 +29,16 @@ void SampleBuffer::reset(const PixelRect& rect, const SamplePattern& pattern, fl
         x[i] = column * kSubpixels + offset->x;
         y[i] = row * kSubpixels + offset->y;
         if (wanted) depth[i] = farKey;
+        xy[i] = uint32_t(y[i]) << 16 | (uint32_t(x[i]) & 0xffff);
+        if (groups_.empty()) continue;
+        SampleGroup& g = groups_[(i - first) / size_t(group)];
+        g.x0 = std::min<int32_t>(g.x0, offset->x), g.x1 = std::max<int32_t>(g.x1, offset->x);
+        g.y0 = std::min<int32_t>(g.y0, offset->y), g.y1 = std::max<int32_t>(g.y1, offset->y);
       }
       if (column + 1 == rect.width())
         for (size_t i = first + size_t(perPixel_); i < size_t(row + 1) * size_t(rowStride_); ++i)
-          x[i] = x[first], y[i] = y[first];  // near the run, so that kernels' integers do not overflow
+          x[i] = x[first], y[i] = y[first],
+          xy[i] = xy[first];  // near the run, so that kernels' integers do not overflow
     }
   resetBlur(pattern);
   start_.clear();

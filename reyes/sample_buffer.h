@@ -1,8 +1,8 @@
 // The visibility samples of one tile, structure of arrays.
 //
 // Samples of a pixel are contiguous, pixels of a row follow each other, so a micropolygon tests one run of
-// samples per row of pixels it touches. Rows are padded with samples that nothing can hit, so that kernels
-// may read and test past the end of a run.
+// samples per row of pixels it touches, or the groups of each pixel that it can reach. Rows are padded with
+// samples that nothing can hit, so that kernels may read and test past the end of a run.
 //
 // When something moves or the lens has a size, samples also have times and lens positions, and blur_kernel.h
 // reads them.
@@ -65,9 +65,14 @@ class SampleBuffer {
   void touched(int column0, int row0, int column1, int row1);
 
   std::vector<int32_t> x, y;              // subpixel steps from the tile's corner
+  std::vector<uint32_t> xy;               // RasterTarget::xy
   std::vector<float> time, lensX, lensY;  // SamplePattern::Blur; empty without
   std::vector<float> depth;               // key of the nearest opaque hit
   std::vector<uint32_t> hit;              // what it is: slot << kTriangleBits | triangle
+
+  /// Groups of rasterWidth() samples, one after another through a pixel; empty when pixels do not have whole
+  /// ones.
+  const std::vector<SampleGroup>& groups() const { return groups_; }
 
   bool blurred() const { return !time.empty(); }
   /// For the kernel; only when blurred().
@@ -79,6 +84,7 @@ class SampleBuffer {
 
   void resetBlur(const SamplePattern& pattern);
 
+  std::vector<SampleGroup> groups_;
   std::vector<SlotRange> slots_;
   std::vector<uint32_t> candidates_;
   PixelRect rect_;

@@ -250,7 +250,9 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   RasterTarget target;
   target.columns = rect.width(), target.rows = rect.height();
   target.perPixel = samples.perPixel(), target.rowStride = samples.rowStride();
-  target.x = samples.x.data(), target.y = samples.y.data();
+  target.x = samples.x.data(), target.y = samples.y.data(), target.xy = samples.xy.data();
+  target.groups = samples.groups().data();
+  target.groupSize = samples.groups().empty() ? 0 : rasterWidth();
   target.depth = isSolid ? solids_.unlimited(samples.size()) : samples.depth.data();
   target.hit = samples.hit.data();
   target.slotRank = view.ranks.data();

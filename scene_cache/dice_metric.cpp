@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace fr::cache {
 namespace {
@@ -54,6 +55,7 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   r.perspective = eye.perspective;
   r.axis = Vec3(eye.axis);
   r.cone = float(eye.cone);
+  r.insideCone = eye.cone < std::numbers::pi ? float(std::cos(eye.cone)) + 1e-6f : -2;
   r.radius = float(eye.radius);
   const double nearest = std::max(eye.nearDistance, 1e-15);
   r.nearSquared = float(nearest * nearest);
@@ -110,6 +112,7 @@ float DiceRate::viewWeight(Vec3 a, Vec3 b) const {
     return square > nearSquared ? glm::dot(p, axis) / std::sqrt(square) : 1.0f;
   };
   float cosine = std::max(cosineAt(0), cosineAt(1));
+  if (cosine > insideCone) return 1.0f;
   const float denominator = a0 * b2 - a1 * b1;
   const float t = denominator != 0 ? (a1 * b0 - a0 * b1) / denominator : 0.0f;
   if (t > 0 && t < 1) cosine = std::max(cosine, cosineAt(t));

@@ -44,6 +44,7 @@ struct DiceRate {
   float scale = 1;                      // micropolygons = length / distance * scale
   Vec3 axis{0, 0, 1};                   // of the camera's cone
   float cone = 3.2f;                    // its half angle
+  float insideCone = -2;                // what has a larger cosine to the axis lies in the cone
   float radius = 1e30f;                 // orthographic: of the camera's cylinder
   float alongAxis = 1;                  // orthographic: how much lengths along the line of sight count
   float undicedEdge = kLongestSegment;  // an edge up to this many micropolygons stays whole

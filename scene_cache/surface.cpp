@@ -1,7 +1,9 @@
 #include "scene_cache/surface.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <limits>
 
 #include "scene_cache/bezier.h"
 #include "scene_cache/primitive_source.h"
@@ -228,6 +230,15 @@ void Surface::row(float v, size_t n, const float* u, float* const P[3]) const {
 }
 
 void Surface::column(float u, size_t n, const float* v, float* const P[3]) const {
+  if (form_ == SurfaceForm::kQuadric) {
+    double s, c;
+    sinCosDegrees(double(u) * quadricSweep(quadric_), s, c);
+    for (size_t k = 0; k < n; ++k) {
+      float* const one[3] = {P[0] + k, P[1] + k, P[2] + k};
+      quadricRow(quadricProfile(quadric_, double(v[k])), 1, &s, &c, one);
+    }
+    return;
+  }
   if (form_ == SurfaceForm::kBicubic) {
     // The transposed patch, evaluated as a row.
     Surface t;
@@ -273,7 +284,26 @@ void Surface::grid(int nu, const float* u, int nv, const float* v, float* xyz, s
   }
 }
 
-void Surface::derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const {
+struct Surface::QuadricMemo {
+  static constexpr size_t kColumns = 64;
+  float v = std::numeric_limits<float>::quiet_NaN();
+  ProfilePoint profile{};
+  float u[kColumns];
+  double s[kColumns], c[kColumns];
+  QuadricMemo() { std::fill_n(u, kColumns, std::numeric_limits<float>::quiet_NaN()); }
+
+  const ProfilePoint& profileAt(const Quadric& q, float at) {
+    if (v != at) v = at, profile = quadricProfile(q, double(at));
+    return profile;
+  }
+  void angleAt(float at, double sweep, double& sine, double& cosine) {
+    const size_t k = std::bit_cast<uint32_t>(at) * 0x9e3779b9u >> 26;
+    if (u[k] != at) u[k] = at, sinCosDegrees(double(at) * sweep, s[k], c[k]);
+    sine = s[k], cosine = c[k];
+  }
+};
+
+void Surface::derivativesAt(float u, float v, QuadricMemo& memo, Vec3& P, Vec3& du, Vec3& dv) const {
   switch (form_) {
     case SurfaceForm::kBilinear:
     case SurfaceForm::kPolygon: {
@@ -328,10 +358,10 @@ void Surface::derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const
       return;
     }
     case SurfaceForm::kQuadric: {
-      const ProfilePoint q = quadricProfile(quadric_, double(v));
+      const ProfilePoint& q = memo.profileAt(quadric_, v);
       const double sweep = quadricSweep(quadric_);
       double s, c;
-      sinCosDegrees(double(u) * sweep, s, c);
+      memo.angleAt(u, sweep, s, c);
       float* const out[3] = {&P.x, &P.y, &P.z};
       quadricRow(q, 1, &s, &c, out);
       const double radians = sweep * (3.14159265358979323846 / 180);
@@ -351,13 +381,14 @@ void Surface::derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const
 
 void Surface::evaluate(size_t n, const float* u, const float* v, float* const* P, float* const* dPdu,
                        float* const* dPdv) const {
+  QuadricMemo memo;
   for (size_t k = 0; k < n; ++k) {
     Vec3 p, du, dv;
     if (!dPdu && !dPdv) {
       float* const out[3] = {&p.x, &p.y, &p.z};
       row(v[k], 1, u + k, out);
     } else {
-      derivativesAt(u[k], v[k], p, du, dv);
+      derivativesAt(u[k], v[k], memo, p, du, dv);
     }
     for (int c = 0; c < 3; ++c) {
       if (P && P[c]) P[c][k] = p[c];
@@ -377,9 +408,10 @@ void Surface::normals(size_t n, const float* u, const float* v, float* const N[3
     for (int c = 0; c < 3; ++c) std::fill_n(N[c], n, float(normal[c]));
     return;
   }
+  QuadricMemo memo;
   for (size_t k = 0; k < n; ++k) {
     Vec3 p, du, dv;
-    derivativesAt(u[k], v[k], p, du, dv);
+    derivativesAt(u[k], v[k], memo, p, du, dv);
     DVec3 normal = glm::cross(DVec3(du), DVec3(dv));
     double square = glm::dot(normal, normal);
     // Poles and collapsed edges: the sine of the angle, not the size, tells a degenerate frame.
@@ -389,7 +421,8 @@ void Surface::normals(size_t n, const float* u, const float* v, float* const N[3
     if (!(square > limit) || glm::dot(du, du) < rounding || glm::dot(dv, dv) < rounding) {
       const float un = u[k] + (u[k] < 0.5f ? kNudge : -kNudge), vn = v[k] + (v[k] < 0.5f ? kNudge : -kNudge);
       for (int attempt = 0; attempt < 3 && (attempt == 0 || !(square > 0)); ++attempt) {
-        derivativesAt(attempt == 1 ? u[k] : un, attempt == 0 ? u[k] == un ? v[k] : vn : vn, p, du, dv);
+        derivativesAt(attempt == 1 ? u[k] : un, attempt == 0 ? u[k] == un ? v[k] : vn : vn, memo, p, du,
+                      dv);
         normal = glm::cross(DVec3(du), DVec3(dv));
         square = glm::dot(normal, normal);
       }

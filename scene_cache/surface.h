@@ -65,7 +65,9 @@ class Surface {
   void bezierRow(float v, size_t n, const float* u, float* const P[3]) const;
   void highRow(float v, size_t n, const float* u, float* const P[3]) const;
   void quadricRow(const ProfilePoint& p, size_t n, const double* s, const double* c, float* const P[3]) const;
-  void derivativesAt(float u, float v, Vec3& P, Vec3& du, Vec3& dv) const;
+  /// What a quadric's points of the same u or v share: those of a grid come row by row.
+  struct QuadricMemo;
+  void derivativesAt(float u, float v, QuadricMemo& memo, Vec3& P, Vec3& du, Vec3& dv) const;
 
   SurfaceForm form_ = SurfaceForm::kEmpty;
   bool rational_ = false;
