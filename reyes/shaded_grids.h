@@ -36,7 +36,7 @@ struct ShadedGrid {
   /// "constant" shading of a grid with rows and columns: what each micropolygon shows, the mean of its
   /// corners; side by side, since a sample with many layers wants all of it at once. Empty otherwise.
   struct alignas(32) Cell {
-    float color[3], opacity[3];
+    float color[4], opacity[4];  // the fourth are 0: room for vector instructions
   };
   std::vector<Cell> cells;
   /// Fills `cells` from the planes above; opacity is 1 where there is none.

@@ -99,7 +99,8 @@ void TileHider::hide(int tile, const PixelRect& rect, TileView& view, const Samp
   view.tile = tile;
   view.samples.reset(rect, scene_.pattern, scene_.space.open().farKey(), round);
   if (scene_.lines.hasPlanes()) view.samples.limit(scene_.pattern, scene_.lines, scene_.space.open());
-  view.grids.clear(), view.ranks.clear(), view.fragments.clear(), view.firstFragment.clear();
+  view.grids.clear(), view.ranks.clear(), view.fragments.clear();
+  view.layers.clear(), view.firstLayer.clear();
   heap_.clear();
   solids_.begin();
   scene_.roots->forTile(tile, rect, [&](cache::NodeId node, const RasterBounds& b, uint32_t tree) {
@@ -330,15 +331,44 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
 void TileHider::markSeen(TileView& view) {
   for (uint32_t h : view.samples.hit)
     if (h != kNothing) view.grids[h >> kTriangleBits].seen = true;
-  if (view.fragments.empty()) return;
-  view.firstFragment.assign(view.samples.size(), kNothing);
-  // Backwards, so that each sample's list comes out in the order of drawing.
-  for (size_t i = view.fragments.size(); i-- > 0;) {
-    Fragment& f = view.fragments[i];
-    if (f.depth > view.samples.depth[f.sample]) continue;  // something opaque came before it later on
-    f.next = view.firstFragment[f.sample];
-    view.firstFragment[f.sample] = uint32_t(i);
-    view.grids[f.hit >> kTriangleBits].seen = true;
+  if (!view.fragments.empty()) sortLayers(view);
+  for (const Layer& l : view.layers) view.grids[l.hit >> kTriangleBits].seen = true;
+}
+
+void TileHider::sortLayers(TileView& view) {
+  const std::vector<float>& opaque = view.samples.depth;
+  // Counted one place further on: when all are in place, first[s + 1] is where sample s begins, and the first
+  // of the next one where it ends.
+  std::vector<uint32_t>& first = view.firstLayer;
+  first.assign(view.samples.size() + 2, 0);
+  const auto shows = [&](const Fragment& f) { return f.depth <= opaque[f.sample]; };
+  for (const Fragment& f : view.fragments)
+    if (shows(f)) ++first[f.sample + 2];
+  for (size_t s = 2; s < first.size(); ++s) first[s] += first[s - 1];
+  view.layers.resize(first.back());
+  for (const Fragment& f : view.fragments)
+    if (shows(f)) view.layers[first[f.sample + 1]++] = {f.depth, f.hit};
+  first.pop_back();
+  const auto isBefore = [&](const Layer& a, const Layer& b) {
+    if (a.depth != b.depth) return a.depth < b.depth;
+    const uint64_t ra = view.ranks[a.hit >> kTriangleBits], rb = view.ranks[b.hit >> kTriangleBits];
+    return ra != rb ? ra < rb : (a.hit & kTriangleMask) < (b.hit & kTriangleMask);
+  };
+  // Grids are drawn front to back, so the layers of a sample are nearly in order already.
+  constexpr uint32_t kManyLayers = 48;
+  for (size_t s = 0; s + 1 < first.size(); ++s) {
+    const auto begin = view.layers.begin() + ptrdiff_t(first[s]),
+               end = view.layers.begin() + ptrdiff_t(first[s + 1]);
+    if (first[s + 1] - first[s] > kManyLayers) {
+      std::sort(begin, end, isBefore);
+      continue;
+    }
+    for (auto at = begin; at != end; ++at) {
+      const Layer layer = *at;
+      auto to = at;
+      for (; to != begin && isBefore(layer, *(to - 1)); --to) *to = *(to - 1);
+      *to = layer;
+    }
   }
 }
 

@@ -31,14 +31,23 @@ struct TileGrid {
   ShadedGrid* shaded = nullptr;
 };
 
+/// What a sample sees of a surface that is not known to be opaque.
+struct Layer {
+  float depth;
+  uint32_t hit;
+};
+
 /// A hidden tile on its way to colours.
 struct TileView {
   int tile = -1;
   SampleBuffer samples;
-  std::vector<TileGrid> grids;          // by slot
-  std::vector<uint64_t> ranks;          // by slot
-  std::vector<Fragment> fragments;      // of surfaces not known to be opaque
-  std::vector<uint32_t> firstFragment;  // by sample, kNothing: none. Empty when there are no fragments.
+  std::vector<TileGrid> grids;      // by slot
+  std::vector<uint64_t> ranks;      // by slot
+  std::vector<Fragment> fragments;  // of surfaces not known to be opaque, as they were drawn
+  /// The same by sample, front to back, without what lies behind something opaque: sample s has the layers
+  /// [firstLayer[s], firstLayer[s + 1]). Both are empty when there are no fragments.
+  std::vector<Layer> layers;
+  std::vector<uint32_t> firstLayer;
 };
 
 /// One per thread.
@@ -62,6 +71,7 @@ class TileHider {
   void drawSolid(uint32_t tree, TileView& view);
   cache::ResolvedNode resolve(cache::NodeId node);
   void markSeen(TileView& view);
+  static void sortLayers(TileView& view);
 
   const FrameScene& scene_;
   RasterFunction rasterise_;

@@ -69,103 +69,140 @@ class Shader {
 
 }  // namespace
 
+namespace {
+
+/// What compositing needs of a grid, by slot: side by side, since samples with many layers go from grid to
+/// grid.
+struct Source {
+  const ShadedGrid::Cell* cells;  // or nullptr: values are interpolated
+  bool matte, opaqueMatte;
+};
+
+/// Composites a sample's layers, front to back.
+class Compositor {
+ public:
+  Compositor(const TileView& view, const ShutterSpace& space, int outputChannels, float opacityThreshold,
+             bool midpointDepth, TileColors& out)
+      : view_(view),
+        space_(space),
+        shader_(view, space),
+        outputChannels_(size_t(outputChannels)),
+        clear_(1 - opacityThreshold),
+        midpointDepth_(midpointDepth),
+        out_(out) {
+    for (const TileGrid& g : view.grids) {
+      const bool opaqueMatte = g.traits.matte && g.traits.opaque;
+      const bool flat = g.shaded && !g.shaded->cells.empty();
+      sources_.push_back({flat ? g.shaded->cells.data() : nullptr, g.traits.matte, opaqueMatte});
+    }
+  }
+
+  void begin(size_t from, size_t to) {
+    from_ = from, to_ = to;
+    for (int c = 0; c < 4; ++c) through_[c] = 1, color_[c] = opacity_[c] = 0;
+    first_ = true, second_ = !midpointDepth_, covered_ = false;
+    depth_ = kRiInfinity;
+  }
+  /// False: nothing behind it shows.
+  bool add(uint32_t hit, float key) {
+    const Source& source = sources_[hit >> kTriangleBits];
+    if (source.opaqueMatte) {
+      for (float& t : through_) t = 0;
+      if (first_) depth_ = space_.open().depth(key);
+      first_ = false;
+    } else if (source.cells) {
+      composite(source.cells[(hit & kTriangleMask) >> 1], source.matte, hit, key);
+    } else {
+      const TileGrid& g = view_.grids[hit >> kTriangleBits];
+      const HitWeights w = shader_.weights(g, hit & kTriangleMask, from_);
+      ShadedGrid::Cell cell{};
+      for (size_t c = 0; c < 3; ++c) {
+        cell.color[c] = Shader::value(g.shaded->color, g.shaded->points, c, w);
+        cell.opacity[c] =
+            g.traits.opaque
+                ? 1.0f
+                : std::clamp(Shader::value(g.shaded->opacity, g.shaded->points, c, w), 0.0f, 1.0f);
+      }
+      composite(cell, source.matte, hit, key);
+    }
+    covered_ |= std::max({through_[0], through_[1], through_[2]}) < clear_;
+    return !(covered_ && second_);
+  }
+  void finish() {
+    if (midpointDepth_ && !second_) depth_ = kRiInfinity;
+    for (size_t c = 0; c < 3; ++c) out_.channels[c][to_] = color_[c];
+    out_.channels[size_t(kAlphaChannel)][to_] = (opacity_[0] + opacity_[1] + opacity_[2]) * (1.0f / 3);
+    out_.channels[size_t(kDepthChannel)][to_] = depth_;
+  }
+
+ private:
+  void composite(const ShadedGrid::Cell& cell, bool matte, uint32_t hit, float key) {
+    if (!matte && !covered_)
+      for (int c = 0; c < 4; ++c) {
+        color_[c] += through_[c] * cell.color[c];
+        opacity_[c] += through_[c] * cell.opacity[c];
+      }
+    for (int c = 0; c < 4; ++c) through_[c] *= 1 - cell.opacity[c];
+    if (!first_ && second_) return;
+    bool shows = false;
+    for (int c = 0; c < 3; ++c) shows |= cell.opacity[c] > 0 || cell.color[c] != 0;
+    if (!shows) return;
+    if (!first_) {
+      second_ = true;
+      depth_ = 0.5f * (depth_ + space_.open().depth(key));
+      return;
+    }
+    first_ = false;
+    depth_ = space_.open().depth(key);
+    if (matte || outputChannels_ == 0) return;
+    const TileGrid& g = view_.grids[hit >> kTriangleBits];
+    const HitWeights w = shader_.weights(g, hit & kTriangleMask, from_);
+    for (size_t c = 0; c < outputChannels_; ++c)
+      out_.channels[size_t(kFixedChannels) + c][to_] =
+          g.shaded->outputs.empty() ? 0.0f : Shader::value(g.shaded->outputs, g.shaded->points, c, w);
+  }
+
+  const TileView& view_;
+  const ShutterSpace& space_;
+  const Shader shader_;
+  const size_t outputChannels_;
+  const float clear_;
+  const bool midpointDepth_;
+  TileColors& out_;
+  std::vector<Source> sources_;
+  size_t from_ = 0, to_ = 0;
+  float through_[4], color_[4], opacity_[4], depth_ = 0;
+  bool first_ = true, second_ = true, covered_ = false;
+};
+
+}  // namespace
+
 void resolveTile(const TileView& view, const ShutterSpace& space, int outputChannels, float opacityThreshold,
                  bool midpointDepth, TileColors& out) {
   const SampleBuffer& s = view.samples;
   const PixelRect& rect = s.rect();
-  const int spp = s.perPixel();
-  const size_t n = size_t(rect.area()) * size_t(spp);
-  const size_t channels = size_t(kFixedChannels + outputChannels);
+  const size_t spp = size_t(s.perPixel());
+  const size_t n = size_t(rect.area()) * spp;
   out.x.resize(n), out.y.resize(n);
-  out.channels.resize(channels);
+  out.channels.resize(size_t(kFixedChannels + outputChannels));
   for (auto& c : out.channels) c.assign(n, 0.0f);
-  const Shader shader(view, space);
-  std::vector<Fragment> layers;
-
+  Compositor compositor(view, space, outputChannels, opacityThreshold, midpointDepth, out);
   size_t to = 0;
   for (int row = 0; row < rect.height(); ++row)
-    for (int column = 0; column < rect.width(); ++column)
-      for (int i = 0; i < spp; ++i, ++to) {
-        const size_t from = s.index(column, row) + size_t(i);
+    for (int column = 0; column < rect.width(); ++column) {
+      const size_t pixel = s.index(column, row);
+      for (size_t from = pixel; from < pixel + spp; ++from, ++to) {
         out.x[to] = float(s.x[from] - column * kSubpixels) / float(kSubpixels);
         out.y[to] = float(s.y[from] - row * kSubpixels) / float(kSubpixels);
-        layers.clear();
-        if (!view.firstFragment.empty()) {
-          for (uint32_t f = view.firstFragment[from]; f != kNothing; f = view.fragments[f].next)
-            layers.push_back(view.fragments[f]);
-          std::sort(layers.begin(), layers.end(), [&](const Fragment& a, const Fragment& b) {
-            if (a.depth != b.depth) return a.depth < b.depth;
-            const uint64_t ra = view.ranks[a.hit >> kTriangleBits], rb = view.ranks[b.hit >> kTriangleBits];
-            return ra != rb ? ra < rb : (a.hit & kTriangleMask) < (b.hit & kTriangleMask);
-          });
-        }
-        if (s.hit[from] != kNothing) layers.push_back({uint32_t(from), s.hit[from], s.depth[from], 0});
-
-        float through[3] = {1, 1, 1}, color[3] = {}, opacity[3] = {};
-        bool first = true, second = !midpointDepth, covered = false;
-        float depth = kRiInfinity;
-        for (const Fragment& layer : layers) {
-          const TileGrid& g = view.grids[layer.hit >> kTriangleBits];
-          const bool opaqueMatte = g.traits.matte && g.traits.opaque;
-          if (!opaqueMatte) {
-            const ShadedGrid& shaded = *g.shaded;
-            const uint32_t triangle = layer.hit & kTriangleMask;
-            ShadedGrid::Cell cell;
-            HitWeights w;
-            bool weighed = false;
-            const auto weigh = [&] {
-              if (!weighed) w = shader.weights(g, triangle, from);
-              weighed = true;
-            };
-            if (!shaded.cells.empty()) {
-              cell = shaded.cells[triangle >> 1];
-            } else {
-              weigh();
-              for (size_t c = 0; c < 3; ++c) {
-                cell.color[c] = Shader::value(shaded.color, shaded.points, c, w);
-                cell.opacity[c] =
-                    g.traits.opaque
-                        ? 1.0f
-                        : std::clamp(Shader::value(shaded.opacity, shaded.points, c, w), 0.0f, 1.0f);
-              }
-            }
-            bool shows = false;
-            for (size_t c = 0; c < 3; ++c) {
-              const float o = cell.opacity[c], v = cell.color[c];
-              shows |= o > 0 || v != 0;
-              if (!g.traits.matte && !covered) {
-                color[c] += through[c] * v;
-                opacity[c] += through[c] * o;
-              }
-              through[c] *= 1 - o;
-            }
-            if (shows && !first && !second) {
-              second = true;
-              depth = 0.5f * (depth + space.open().depth(layer.depth));
-            }
-            if (shows && first) {
-              first = false;
-              depth = space.open().depth(layer.depth);
-              if (!g.traits.matte && outputChannels > 0) {
-                weigh();
-                for (size_t c = 0; c < size_t(outputChannels); ++c)
-                  out.channels[size_t(kFixedChannels) + c][to] =
-                      shaded.outputs.empty() ? 0.0f : Shader::value(shaded.outputs, shaded.points, c, w);
-              }
-            }
-          } else {
-            through[0] = through[1] = through[2] = 0;
-            if (first) depth = space.open().depth(layer.depth);
-            first = false;
-          }
-          covered |= std::max({through[0], through[1], through[2]}) < 1 - opacityThreshold;
-          if (covered && second) break;
-        }
-        if (midpointDepth && !second) depth = kRiInfinity;
-        for (size_t c = 0; c < 3; ++c) out.channels[c][to] = color[c];
-        out.channels[size_t(kAlphaChannel)][to] = (opacity[0] + opacity[1] + opacity[2]) * (1.0f / 3);
-        out.channels[size_t(kDepthChannel)][to] = depth;
+        compositor.begin(from, to);
+        bool open = true;
+        if (!view.firstLayer.empty())
+          for (size_t l = view.firstLayer[from], end = view.firstLayer[from + 1]; open && l < end; ++l)
+            open = compositor.add(view.layers[l].hit, view.layers[l].depth);
+        if (open && s.hit[from] != kNothing) compositor.add(s.hit[from], s.depth[from]);
+        compositor.finish();
       }
+    }
 }
 
 }  // namespace fr::reyes

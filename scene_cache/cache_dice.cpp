@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/grid_measure.h"
 #include "scene_cache/grid_source.h"
 #include "scene_cache/primvar.h"
 #include "scene_cache/thin.h"

@@ -180,28 +180,6 @@ class PositionRule {
 
 float distanceOf(const Vec3& a) { return std::sqrt(glm::dot(a, a)); }
 
-/// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
-float squareToTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
-  const auto square = [](const Vec3& v) { return glm::dot(v, v); };
-  const auto toSegment = [&](const Vec3& s, const Vec3& e) {
-    const Vec3 d = e - s;
-    const float length = square(d);
-    const float t = length > 0 ? std::clamp(glm::dot(p - s, d) / length, 0.0f, 1.0f) : 0.0f;
-    return square(p - s - d * t);
-  };
-  const Vec3 ab = b - a, ac = c - a, n = glm::cross(ab, ac);
-  const float area = square(n);
-  if (area > 0) {
-    const Vec3 ap = p - a;
-    const float v = glm::dot(glm::cross(ap, ac), n), w = glm::dot(glm::cross(ab, ap), n);
-    if (v >= 0 && w >= 0 && v + w <= area) {
-      const float d = glm::dot(ap, n);
-      return d * d / area;
-    }
-  }
-  return std::min({toSegment(a, b), toSegment(b, c), toSegment(c, a)});
-}
-
 }  // namespace
 
 void splitRect(const NodeRect& n, bool inV, NodeRect c[2]) {
@@ -337,53 +315,6 @@ void diceBorders(const Surface& surface, const RootBorders& borders, const Surfa
     } else {
       put(i, j, rule.kept(level, uBorder ? edgeV : edgeU, uBorder ? b : a, uBorder ? db : da));
     }
-  }
-}
-
-void measureGrid(const float* xyz, int nu, int nv, size_t rowStride, int levels, float deviation[kLevels],
-                 float* cellSize, Box3f* bound) {
-  const auto at = [&](int i, int j) {
-    const float* p = xyz + (size_t(j) * rowStride + size_t(i)) * 3;
-    return Vec3(p[0], p[1], p[2]);
-  };
-  for (int j = 0; j <= nv; ++j) {
-    for (int i = 0; i <= nu; ++i) bound->extend(at(i, j));
-  }
-  float longest = 0;
-  for (int j = 0; j < nv; ++j) {
-    for (int i = 0; i < nu; ++i) {
-      const Vec3 d = at(i + 1, j + 1) - at(i, j), e = at(i + 1, j) - at(i, j + 1);
-      longest = std::max({longest, glm::dot(d, d), glm::dot(e, e)});
-    }
-  }
-  *cellSize = std::max(*cellSize, std::sqrt(longest));
-  for (int level = 1; level < levels; ++level) {
-    const int k = 1 << level;
-    float worst = 0;
-    const float step = 1.0f / float(k);
-    for (int j = 0; j < nv; j += k) {
-      for (int i = 0; i < nu; i += k) {
-        const Vec3 a = at(i, j), b = at(i + k, j), c = at(i, j + k), d = at(i + k, j + k);
-        // The cell is traced as two triangles, at most a quarter of its twist from the bilinear cell.
-        const float twist = 0.25f * distanceOf((a + d) - (b + c));
-        const float enough = std::max(0.0f, worst - twist);
-        for (int y = 0; y <= k; ++y) {
-          const float fv = float(y) * step;
-          const Vec3 l = a * (1 - fv) + c * fv, r = b * (1 - fv) + d * fv;
-          for (int x = 0; x <= k; ++x) {
-            const float fu = float(x) * step;
-            const Vec3 p = at(i + x, j + y);
-            const Vec3 e = p - (l * (1 - fu) + r * fu);
-            // Collapsed border vertices slide along the surface, which is no deviation: the exact distance
-            // decides.
-            if (glm::dot(e, e) <= enough * enough) continue;
-            const float square = std::min(squareToTriangle(p, a, b, c), squareToTriangle(p, d, c, b));
-            worst = std::max(worst, std::sqrt(square));
-          }
-        }
-      }
-    }
-    deviation[level] = std::max(deviation[level], worst);
   }
 }
 

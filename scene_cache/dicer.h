@@ -78,9 +78,6 @@ void diceBorders(const Surface& surface, const RootBorders& borders, const Surfa
                  const RootBorders& planBorders, const DiceRate& rate, std::span<const NodeRect> path,
                  const DicePlan& plan, float* xyz, size_t rowStride);
 
-/// Largest distance between the surface of stride 2^level and the vertices, and the longest cell diagonal.
-void measureGrid(const float* xyz, int nu, int nv, size_t rowStride, int levels, float deviation[kLevels],
-                 float* cellSize, Box3f* bound);
 /// Estimated distance of the level-0 cells from the true surface: deviation index 0.
 float estimateTrueDeviation(const Surface& surface, const GridParameters& g, const float* xyz, int nu, int nv,
                             size_t rowStride);
