@@ -29,6 +29,7 @@ void renderWorld(cache::Frame&& frame) {
   const int threads = availableCores();
   std::unique_ptr<ShadingSystem> hitShading;
   std::unique_ptr<tracer::InprocOracleService> oracle;
+  scene.setMeetsRays(shading.canAskRays());
   if (shading.canAskRays()) {
     ShadingSystem::Options hitOptions = shadingOptions;
     hitOptions.tracerSide = true;

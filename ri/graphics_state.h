@@ -82,8 +82,9 @@ struct AttributeState {
   std::optional<Bound> detail;
   TransformPtr boundSpace, detailSpace;  ///< CTM at the request: the space of these bounds to world space
   std::array<float, 4> detailRange{0, 0, kRiInfinity, kRiInfinity};
-  float flatness = 0;     ///< GeometricApproximation; 0: not set
-  bool reversed = false;  ///< orientation is opposite to the handedness of object space
+  float flatness = 0;                       ///< GeometricApproximation; 0: not set
+  float motionFactor = 1, focusFactor = 1;  ///< GeometricApproximation
+  bool reversed = false;                    ///< orientation is opposite to the handedness of object space
   int sides = 2;
   std::shared_ptr<const Basis> basis;  ///< never null
   std::shared_ptr<const TrimCurve> trimCurve;

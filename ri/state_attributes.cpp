@@ -214,7 +214,10 @@ void StateRenderer::geometricApproximation(std::string type, double value) {
                         fmt::format("GeometricApproximation \"flatness\" {}; ignored", value));
     a.flatness = float(value);
   } else if (type == "motionfactor" || type == "focusfactor") {
-    // They allow what is blurred to be coarser; nothing is made coarser.
+    if (!(value >= 0))
+      return reportHere(RiError::kRange, Severity::kError,
+                        fmt::format("GeometricApproximation \"{}\" {}; ignored", type, value));
+    (type == "motionfactor" ? a.motionFactor : a.focusFactor) = float(value);
   } else {
     reportOnceHere(RiError::kBadToken, Severity::kWarning,
                    fmt::format("GeometricApproximation \"{}\" is not known", type));

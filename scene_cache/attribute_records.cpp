@@ -187,6 +187,8 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
       finiteOr(v.getFloat("render:patch_multiplier", rates_.patchMultiplier.value_or(-1)), -1);
   r.bias = finiteOr(v.getFloat("trace:bias", -1), -1);
   r.flatness = std::max(0.0f, finiteOr(a.flatness, 0));
+  r.motionFactor = std::max(0.0f, finiteOr(a.motionFactor, 1));
+  r.focusFactor = std::max(0.0f, finiteOr(a.focusFactor, 1));
   r.sides = a.sides == 1 ? 1 : 2;
   if (a.matte) r.flags |= kMatte;
   if (a.smoothShading) r.flags |= kSmoothShading;

@@ -170,6 +170,7 @@ SceneCache::Segments SceneCache::segments() const {
 }
 
 void SceneCache::setPager(shm::Pager* pager) { impl_->pager.store(pager); }
+void SceneCache::setMeetsRays(bool meets) { impl_->meetsRays = meets; }
 
 std::vector<shm::PagedRange> SceneCache::pagedRanges() const {
   Impl& d = *impl_;

@@ -143,6 +143,14 @@ Vec3 collapseMargin(const DiceRate& rate, const Box3f& box) {
       distance = std::max(distance, 1 / rate.cylinderWeight(p, p));
     }
   }
+  if (rate.focus > 0) {
+    float least = kInfinity, most = -kInfinity;
+    for (int i = 0; i < 8; ++i) {
+      const float depth = glm::dot(box.corner(i) - rate.eye, rate.axis);
+      least = std::min(least, depth), most = std::max(most, depth);
+    }
+    distance *= std::max(rate.focusSide(least, least), rate.focusSide(most, most));
+  }
   // Along the axis of an orthographic camera micropolygons are longer.
   return (Vec3(1) + (1 / rate.alongAxis - 1) * glm::abs(rate.axis)) *
          (3.0f * kLongestSegment * distance / rate.scale);
@@ -181,6 +189,29 @@ uint32_t rowStrideFor(int nu) { return uint32_t(nu) + 1; }
 
 }  // namespace
 
+float SceneCache::Impl::motionSideOf(const Skeleton& skeleton, const ObjectRecord& object) const {
+  const float factor = skeleton.attributes()[object.attributes].motionFactor;
+  const float* shutter = skeleton.camera().shutter;
+  if (!(factor > 0) || object.fixedRate > 0 || !(shutter[1] > shutter[0])) return 1;
+  const DMat4 cameraOpen = skeleton.cacheToCamera(shutter[0]),
+              cameraClose = skeleton.cacheToCamera(shutter[1]);
+  const DMat4 open = skeleton.toCache(object.transform, shutter[0]),
+              close = skeleton.toCache(object.transform, shutter[1]);
+  if (open == close && cameraOpen == cameraClose) return 1;
+  const DMat4 moved = cameraClose * close * glm::inverse(open);
+  const double unit = eye.perspective ? 1.0 : std::cbrt(std::abs(glm::determinant(DMat3(cameraOpen))));
+  glm::dvec2 seen[2][8];
+  for (int i = 0; i < 8; ++i) {
+    const DVec4 corner(DVec3(object.bound.corner(i)), 1.0);
+    const DVec4 at[2] = {cameraOpen * corner, moved * corner};
+    for (int k = 0; k < 2; ++k) {
+      if (eye.perspective && !(at[k].z > eye.nearDistance)) return 1;
+      seen[k][i] = glm::dvec2(at[k]) / (eye.pixel * (eye.perspective ? at[k].z : unit));
+    }
+  }
+  return motionSide(seen[0], seen[1], factor);
+}
+
 uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, const ObjectRecord& object,
                                     Displacer* displacer) {
   PatchNode& n = *node(nodeId);
@@ -194,6 +225,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const float* shutter = skeleton.camera().shutter;
   const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
   DiceRate rate = diceRate(eye, attributes, object.type, object.fixedRate);
+  rate.scale /= motionSideOf(skeleton, object);
   if (isPolygon(object)) {
     const auto* source = sourceRecord<PolygonSource>(skeleton, object);
     if (source && source->undicedEdge >= 1 && source->undicedEdge <= kMostUndicedEdge)
@@ -291,7 +323,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
     if (!still && !prepare(skeleton, n.root, gridKeyTime(k, keys, shutter), true, &at)) at = first;
     const DiceSurfaces& now = still ? first : at;
     dicePositions(now.own, now.borders, first.own, first.borders, rate, path, plan, xyz, rowStride);
-    if (!displaced) {
+    if (!displaced && meetsRays) {
       const float deviation = estimateTrueDeviation(now.own, parameters, xyz, nu, nv, rowStride);
       g->deviation[0] = std::max(g->deviation[0], deviation);
     }
@@ -308,10 +340,10 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   }
   for (int k = 0; k < keys; ++k) {
     const float* xyz = reinterpret_cast<const float*>(arena.base() + g->positions + unsigned(k) * keyBytes);
-    measureGrid(xyz, nu, nv, rowStride, g->levels, g->deviation, &g->cellSize, &g->bound);
+    measureGrid(xyz, nu, nv, rowStride, meetsRays ? g->levels : 1, g->deviation, &g->cellSize, &g->bound);
   }
   // A displaced surface is known at its vertices alone: halving a cell divides its error by about four.
-  if (displaced) g->deviation[0] = g->levels > 1 ? g->deviation[1] * 0.25f : g->cellSize * 0.25f;
+  if (displaced && meetsRays) g->deviation[0] = g->levels > 1 ? g->deviation[1] * 0.25f : g->cellSize * 0.25f;
   gridsDiced.fetch_add(1, std::memory_order_relaxed);
   micropolygonsDiced.fetch_add(uint64_t(nu) * unsigned(nv), std::memory_order_relaxed);
   return gridWord(offset);

@@ -57,6 +57,7 @@ struct SceneCache::Impl {
   SharedStore nodes, arena;
   bool readOnly = false;
   std::atomic<shm::Pager*> pager{nullptr};
+  bool meetsRays = true;
   std::atomic<uint64_t> unlooked{0};  // bytes of grids since the pager was asked to look
   uint64_t id = 0;                    // of this instance within the process, for the threads' chunks
   std::unique_ptr<FileBuild> build;   // grids go to this file
@@ -71,6 +72,8 @@ struct SceneCache::Impl {
 
   // ---- derived
   DiceEye eye;
+  /// How many times as long segments may be on an object that moves before the camera (motionSide()).
+  float motionSideOf(const Skeleton& skeleton, const ObjectRecord& object) const;
   std::unique_ptr<SubdivisionStore> subdivisions;
 
   std::atomic<uint64_t> gridsDiced{0}, micropolygonsDiced{0}, nodesSplit{0}, claimsTakenOver{0},

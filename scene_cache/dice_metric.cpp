@@ -11,6 +11,10 @@ namespace {
 /// that: long chords of a bent surface would put corners into its outline and errors into depths.
 constexpr float kAlongFlat = 1.0f / 16;
 
+/// Blurred over so many pixels, detail of a pixel still counts; and blur never makes segments longer than
+/// this.
+constexpr float kSharpPixels = 4, kMostBlurSide = 16;
+
 }  // namespace
 
 DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera) {
@@ -43,6 +47,11 @@ DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera) {
     // A margin for filters and displacement.
     e.perspective ? e.cone = std::atan(corner)* 1.05 : e.radius = corner * 1.05;
   }
+  const float* dof = camera.dof;
+  if (e.perspective && dof[0] > 0 && dof[0] < 1e30f && dof[1] > 0 && dof[2] > 0 && std::isfinite(dof[1])) {
+    e.lensRadius = 0.5 * double(dof[1]) / double(dof[0]) / unit;
+    e.focalDistance = double(dof[2]) / unit;
+  }
   // A near plane of almost nothing must not ask for infinitely fine grids around the eye.
   e.nearDistance = std::max(double(camera.clipping[0]), 1e-6) / unit;
   if (!std::isfinite(e.nearDistance)) e.nearDistance = 1e-6;
@@ -72,13 +81,18 @@ DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType ty
   if (!r.perspective && !moved &&
       (type == PrimitiveType::kBilinearPatches || type == PrimitiveType::kMeshlets))
     r.alongAxis = kAlongFlat;
+  if (eye.lensRadius > 0 && a.focusFactor > 0) {
+    r.focus = float(a.focusFactor * 2 * eye.lensRadius / eye.pixel) / kSharpPixels;
+    r.sharpest = float(1 / eye.focalDistance);
+  }
   if (a.flatness > 0) r.flatness = float(double(a.flatness) * eye.pixel * double(r.scale));
   return r;
 }
 
 DiceRate diceRate(const DiceEye& eye, const AttributeRecord& a, PrimitiveType type, float fixedRate) {
   DiceRate r = diceRate(eye, a, type);
-  if (fixedRate > 0) r.perspective = false, r.radius = 1e30f, r.alongAxis = 1, r.scale = fixedRate;
+  if (fixedRate > 0)
+    r.focus = 0, r.perspective = false, r.radius = 1e30f, r.alongAxis = 1, r.scale = fixedRate;
   return r;
 }
 
@@ -94,7 +108,27 @@ float DiceRate::segment(Vec3 a, Vec3 b) const {
   const float t = square > 0 ? std::clamp(glm::dot(e, d) / square, 0.0f, 1.0f) : 0.0f;
   const Vec3 nearest = e - d * t;
   const float distance = std::max(glm::dot(nearest, nearest), nearSquared);
-  return std::sqrt(square / distance) * scale * viewWeight(a - eye, b - eye);
+  const float length = std::sqrt(square / distance) * scale * viewWeight(a - eye, b - eye);
+  return focus > 0 ? length / focusSide(glm::dot(a - eye, axis), glm::dot(b - eye, axis)) : length;
+}
+
+float DiceRate::focusSide(float depthA, float depthB) const {
+  const float nearest = std::sqrt(nearSquared);
+  const float a = 1 / std::max(depthA, nearest) - sharpest, b = 1 / std::max(depthB, nearest) - sharpest;
+  const float blur = (a < 0) == (b < 0) ? std::min(std::abs(a), std::abs(b)) : 0.0f;
+  return std::clamp(focus * blur, 1.0f, kMostBlurSide);
+}
+
+float motionSide(const glm::dvec2 (&open)[8], const glm::dvec2 (&close)[8], float factor) {
+  glm::dvec2 mean(0);
+  for (int i = 0; i < 8; ++i) mean += close[i] - open[i];
+  const double length = glm::length(mean);
+  if (!(length > 0) || !std::isfinite(length)) return 1;
+  // What lies between the corners moves between them: no less far in the direction of all than any corner
+  // does.
+  double least = 1e30;
+  for (int i = 0; i < 8; ++i) least = std::min(least, glm::dot(close[i] - open[i], mean) / length);
+  return std::clamp(std::sqrt(factor * float(least) / kSharpPixels), 1.0f, kMostBlurSide);
 }
 
 float DiceRate::viewWeight(Vec3 a, Vec3 b) const {

@@ -19,6 +19,8 @@ struct DiceEye {
   DVec3 axis{0, 0, 1};         // where it looks, unit
   double cone = 3.2;     // half angle of the cone around the frustum, radians; above pi: sees everything
   double radius = 1e30;  // orthographic: of the cylinder around what it sees
+  // The lens, world units; radius 0: everything is sharp. Perspective alone.
+  double lensRadius = 0, focalDistance = 1;
 };
 /// cacheToCamera at shutter open.
 DiceEye diceEye(const CameraRecord& camera, const DMat4& cacheToCamera);
@@ -48,7 +50,10 @@ struct DiceRate {
   float radius = 1e30f;                 // orthographic: of the camera's cylinder
   float alongAxis = 1;                  // orthographic: how much lengths along the line of sight count
   float undicedEdge = kLongestSegment;  // an edge up to this many micropolygons stays whole
-  float flatness = 0;                   // micropolygons between a curve and its chords; 0: any
+  // Depth of field: what is out of focus by c = 1 / depth - sharpest may have segments focus * c times as
+  // long.
+  float focus = 0, sharpest = 0;
+  float flatness = 0;  // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
 
@@ -60,9 +65,11 @@ struct DiceRate {
   /// Factor of the metric: 1 where the segment comes into the camera's cone, less outside. a and b relative
   /// to the eye.
   float viewWeight(Vec3 a, Vec3 b) const;
-  /// The same for orthographic cameras: 1 in the cylinder, outside as the radius to the distance. There
-  /// nothing else makes distant things coarse, and a ground plane may be a thousand times as wide as the
-  /// view.
+  /// How many times as long segments may be for what lies between two depths before the eye: at least 1.
+  float focusSide(float depthA, float depthB) const;
+  /// As viewWeight(), for orthographic cameras: 1 in the cylinder, outside as the radius to the distance.
+  /// There nothing else makes distant things coarse, and a ground plane may be a thousand times as wide as
+  /// the view.
   float cylinderWeight(Vec3 a, Vec3 b) const;
   /// Segments of an edge with this metric, as a power of two; may be above kMaxGridLog2.
   int log2Segments(float metric) const;
@@ -70,5 +77,10 @@ struct DiceRate {
 DiceRate diceRate(const DiceEye& eye, const AttributeRecord& attributes, PrimitiveType type);
 /// The same for `object`, whose rate may be fixed.
 DiceRate diceRate(const DiceEye& eye, const AttributeRecord& attributes, PrimitiveType type, float fixedRate);
+
+/// How many times as long segments may be on what moves along the raster while the shutter is open. `open`,
+/// `close`: where the corners of a box around it are seen at both times, pixels. What is streaked over L
+/// pixels may have micropolygons of factor * L / 4 times the area.
+float motionSide(const glm::dvec2 (&open)[8], const glm::dvec2 (&close)[8], float factor);
 
 }  // namespace fr::cache

@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 7;
+inline constexpr uint32_t kFormatVersion = 8;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -166,6 +166,8 @@ struct AttributeRecord {
   uint32_t areaLight;    // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
   uint32_t deformation;  // 1 + ShaderId, 0: none
   float flatness;     // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
+  // GeometricApproximation "motionfactor", "focusfactor": how much coarser blur may make grids; 0: not at all
+  float motionFactor, focusFactor;
   float thinning[2];  // of a representation in transition (DetailRange): only samples and rays whose chance
                       // is in [thinning[0], 1 - thinning[1]) see it. 0 0: all
 };

@@ -42,7 +42,8 @@ uint64_t compute() {
   FR_AT(AttributeRecord, attributes), FR_AT(AttributeRecord, textureCoordinates),
       FR_AT(AttributeRecord, bias);
   FR_AT(AttributeRecord, groups), FR_AT(AttributeRecord, areaLight), FR_AT(AttributeRecord, flatness);
-  FR_AT(AttributeRecord, thinning), FR_AT(AttributeRecord, deformation);
+  FR_AT(AttributeRecord, motionFactor), FR_AT(AttributeRecord, focusFactor), FR_AT(AttributeRecord, thinning),
+      FR_AT(AttributeRecord, deformation);
   FR_SIZE(ObjectRecord), FR_AT(ObjectRecord, type), FR_AT(ObjectRecord, sides), FR_AT(ObjectRecord, keyCount);
   FR_AT(ObjectRecord, attributes), FR_AT(ObjectRecord, transform), FR_AT(ObjectRecord, surfaceGroup);
   FR_AT(ObjectRecord, primvars), FR_AT(ObjectRecord, firstPatch), FR_AT(ObjectRecord, patchCount);

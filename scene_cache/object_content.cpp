@@ -194,7 +194,7 @@ void addDicing(Content& c, const Skeleton& s, ObjectId id, bool displacement) {
   addBox(c, o.bound);
   c.transform(o.transform);
   if (o.prototype != kNone) c.transform(s.objects()[o.prototype].transform);
-  c.values(a.shadingRate, a.patchMultiplier, a.displacementBound, a.flatness,
+  c.values(a.shadingRate, a.patchMultiplier, a.displacementBound, a.flatness, a.motionFactor, a.focusFactor,
            a.flags & (kReverseInCacheSpace | kReverseOrientation | kSubtracted));
   addSource(c, s, o);
   addPatches(c, s, o);

@@ -196,7 +196,8 @@ class Checker {
       if (a.sides != 1 && a.sides != 2) return void(fail("attribute state {}: {} sides", i, a.sides));
       if (!(a.shadingRate > 0) || !finite(a.shadingRate) || !finite(a.patchMultiplier) || !finite(a.bias) ||
           !(a.displacementBound >= 0) || !finite(a.displacementBound) || !(a.flatness >= 0) ||
-          !finite(a.flatness) || !(a.thinning[0] >= 0 && a.thinning[0] <= 1) ||
+          !finite(a.flatness) || !(a.motionFactor >= 0) || !finite(a.motionFactor) || !(a.focusFactor >= 0) ||
+          !finite(a.focusFactor) || !(a.thinning[0] >= 0 && a.thinning[0] <= 1) ||
           !(a.thinning[1] >= 0 && a.thinning[1] <= 1))
         return void(fail("attribute state {}: a rate or bound is out of range", i));
     }

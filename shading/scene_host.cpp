@@ -245,9 +245,9 @@ bool SceneHost::attribute(std::string_view fullName, uint32_t attributes, Shader
   else if (name == "DetailRange")
     setFloats(v, {0, 0, kRiInfinity, kRiInfinity});
   else if (name == "GeometricApproximation:motionfactor")
-    setFloats(v, {attributeFloat(a, "GeometricApproximation:motionfactor", 1.0f)});
+    setFloats(v, {a.motionFactor});
   else if (name == "GeometricApproximation:focusfactor")
-    setFloats(v, {attributeFloat(a, "GeometricApproximation:focusfactor", 1.0f)});
+    setFloats(v, {a.focusFactor});
   else if (name == "grouping:membership")
     setString(v, skeleton_.string(a.groups));
   else if (name == "displacementbound:sphere")

@@ -65,6 +65,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
   std::unique_ptr<tracer::ShmOracleService> shm;
   std::unique_ptr<tracer::PipeOracleService> pipe;
   RayOracleService* oracle = nullptr;
+  cache.setMeetsRays(shading.canAskRays());
   if (shading.canAskRays()) {
     if (c.inproc) {
       ShadingSystem::Options hitOptions = shadingOptions;
