@@ -11,7 +11,7 @@ cd "$(dirname "$0")"
 BUILD_DIR=${BUILD_DIR:-build/release}
 JOBS=${JOBS:-$(nproc)}
 
-PACKAGES="g++ cmake ninja-build pkg-config libembree-dev libopenimageio-dev openimageio-tools libopenexr-dev libosd-dev libtbb-dev
+PACKAGES="g++ cmake ninja-build pkg-config libembree-dev libopenimageio-dev openimageio-tools libopenexr-dev libtiff-dev libpng-dev libosd-dev libtbb-dev
 libglm-dev libboost-dev libboost-wave-dev libboost-thread-dev libboost-filesystem-dev libboost-atomic-dev zlib1g-dev libzstd-dev libfmt-dev libspdlog-dev libcli11-dev
 nlohmann-json3-dev libfast-float-dev libxxhash-dev libsleef-dev libgtest-dev libgmock-dev libbenchmark-dev
 librapidcheck-dev spin python3 binutils"

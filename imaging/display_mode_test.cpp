@@ -55,12 +55,14 @@ TEST(DisplayType, NamesAndExtensions) {
     const DisplayTarget t = resolveDisplayType(type, name, {});
     return t.driver + ":" + t.fileFormat + ":" + t.path;
   };
-  EXPECT_EQ(target("file", "a.tif"), "oiio:tiff:a.tif");
-  EXPECT_EQ(target("file", "a.b/c"), "oiio:tiff:a.b/c");
+  EXPECT_EQ(target("file", "a.tif"), "tiff:tiff:a.tif");
+  EXPECT_EQ(target("file", "a.b/c"), "tiff:tiff:a.b/c");
   EXPECT_EQ(target("file", "a.EXR"), "exr:openexr:a.EXR");
   EXPECT_EQ(target("openexr", "x"), "exr:openexr:x");
-  EXPECT_EQ(target("tiff", "x.png"), "oiio:tiff:x.png");
-  EXPECT_EQ(target("zfile", "s.z"), "oiio:tiff:s.z");
+  EXPECT_EQ(target("tiff", "x.png"), "tiff:tiff:x.png");
+  EXPECT_EQ(target("zfile", "s.z"), "tiff:tiff:s.z");
+  EXPECT_EQ(target("file", "a.png"), "png:png:a.png");
+  EXPECT_EQ(target("jpeg", "a"), "oiio:jpeg:a");
   EXPECT_TRUE(resolveDisplayType("zfile", "s.z", {}).isDepth);
 }
 
@@ -70,7 +72,7 @@ TEST(DisplayType, WindowsBecomeFilesWithOneMessage) {
   EXPECT_EQ(resolveDisplayType("framebuffer", "untitled", {}).path, "untitled.tif");
   EXPECT_EQ(resolveDisplayType("framebuffer", "b.png", {}).fileFormat, "png");
   EXPECT_EQ(messages, 1);
-  EXPECT_EQ(resolveDisplayType("nosuchthing", "c", {}).driver, "oiio");
+  EXPECT_EQ(resolveDisplayType("nosuchthing", "c", {}).driver, "tiff");
   EXPECT_EQ(messages, 2);
   setReportSink({});
 }

@@ -113,7 +113,7 @@ DisplayTarget resolveDisplayType(const std::string& type, const std::string& nam
     if (format.empty()) format = "tiff";
   }
   t.fileFormat = format;
-  t.driver = format == "openexr" ? "exr" : "oiio";
+  t.driver = format == "openexr" ? "exr" : format == "tiff" || format == "png" ? format : "oiio";
   return t;
 }
 

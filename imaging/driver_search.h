@@ -11,7 +11,7 @@ namespace fr {
 
 /// Which driver and file format a RiDisplay type means.
 struct DisplayTarget {
-  std::string driver;      // "exr", "oiio", or the type itself for a driver of somebody else's
+  std::string driver;      // "exr", "tiff", "png", "oiio", or the type itself for a driver of somebody else's
   std::string fileFormat;  // as OpenImageIO names it
   std::string path;        // the name, with an extension where the type needs one
   bool isDepth = false;    // zfile, shadow: depth unless the mode says more

@@ -5,6 +5,7 @@
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
 #include <ImfInputFile.h>
+#include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -125,6 +126,60 @@ TEST_F(FrameOutputTest, NullDisplaysWriteNothingAndSayNothing) {
   ASSERT_TRUE(out.finish());
   EXPECT_EQ(filesLeft(), 0u);
   EXPECT_TRUE(messages_.empty());
+}
+
+TEST_F(FrameOutputTest, TiffAndPngHoldWhatWasRendered) {
+  const PixelRect crop{5, 2, 25, 12};
+  FrameGeometry g{32, 16, crop, 1.0f, {}};
+  DisplayRequest tiff8{path("a.tif"), "tiff", "rgba", {}, {255, 0, 255, 0}, {}, {}};
+  DisplayRequest tiff16{path("b.tif"), "tiff", "rgba", {}, {65535, 0, 65535, 0}, {}, {}};
+  DisplayRequest floats{path("c.tif"), "tiff", "rgba", {}, {0, 0, 0, 0}, {}, {}};
+  DisplayRequest png8{path("d.png"), "png", "rgba", {}, {255, 0, 255, 0}, {}, {}};
+  DisplayRequest png16{path("e.png"), "png", "rgb", {}, {65535, 0, 65535, 0}, {}, {}};
+  DisplayRequest pngOfFloats{path("f.png"), "png", "a", {}, {0, 0, 0, 0}, {}, {}};
+  tiff16.parameters.push_back({"compression", std::vector<std::string>{"lzw"}});
+  FrameOutput out(g, {tiff8, tiff16, floats, png8, png16, pngOfFloats}, displaySearchPath({}));
+  ASSERT_TRUE(out.open());
+  FilmTile tile;
+  tile.rect = crop;
+  tile.channels.assign(5, std::vector<float>(200));
+  for (size_t i = 0; i < 200; ++i) {
+    const float alpha = float(i % 11) / 10;
+    for (size_t c = 0; c < 3; ++c) tile.channels[c][i] = alpha * float((i * (c + 3)) % 101) / 100;
+    tile.channels[3][i] = alpha;
+  }
+  const FilmTile made = tile;
+  out.addTile(std::move(tile));
+  ASSERT_TRUE(out.finish());
+  const auto check = [&](const char* name, std::vector<size_t> channels, bool divided, float tolerance) {
+    const auto in = OIIO::ImageInput::open(path(name));
+    ASSERT_TRUE(in) << name << OIIO::geterror();
+    ASSERT_EQ(in->spec().width, 20) << name;
+    ASSERT_EQ(in->spec().height, 10) << name;
+    ASSERT_EQ(in->spec().nchannels, int(channels.size())) << name;
+    if (!divided && channels.size() == 4) {
+      EXPECT_EQ(in->spec().x, 5);
+      EXPECT_EQ(in->spec().y, 2);
+      EXPECT_EQ(in->spec().full_width, 32);
+      EXPECT_EQ(in->spec().alpha_channel, 3);
+    }
+    std::vector<float> pixels(200 * channels.size());
+    ASSERT_TRUE(in->read_image(0, 0, 0, int(channels.size()), OIIO::TypeDesc::FLOAT, pixels.data()));
+    for (size_t i = 0; i < 200; ++i)
+      for (size_t c = 0; c < channels.size(); ++c) {
+        // OpenImageIO multiplies by alpha what PNG keeps without.
+        EXPECT_NEAR(pixels[i * channels.size() + c], made.channels[channels[c]][i], tolerance)
+            << name << " " << i;
+      }
+  };
+  check("a.tif", {0, 1, 2, 3}, false, 0.5f / 255 + 1e-6f);
+  check("b.tif", {0, 1, 2, 3}, false, 0.5f / 65535 + 1e-6f);
+  check("c.tif", {0, 1, 2, 3}, false, 0);
+  // Rounded twice: before and after the division by alpha.
+  check("d.png", {0, 1, 2, 3}, true, 1.6f / 255);
+  check("e.png", {0, 1, 2}, true, 0.5f / 65535 + 1e-6f);
+  check("f.png", {3}, true, 0.5f / 65535 + 1e-6f);
+  EXPECT_TRUE(messages_.empty()) << messages_[0];
 }
 
 TEST_F(FrameOutputTest, UnwritableFolderIsOneClearErrorAndTheOthersGoOn) {
