@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/error.h"
+#include "imaging/film_kernel.h"
 
 namespace fr {
 
@@ -15,7 +16,7 @@ constexpr size_t kMostPooled = 16;
 /// What the pixels of one tile contribute to the pixels around them.
 struct Film::Splats {
   PixelRect rect;
-  /// [pixel][target row][target column][weight, filtered channels...]
+  /// [pixel][weight, filtered channels...][target row][target column], targets padded
   std::vector<float> sums;
   /// [pixel][channels of the pixel's own samples]
   std::vector<float> ownValues;
@@ -34,12 +35,20 @@ Film::Film(const PixelRect& crop, const PixelFilter& filter, int tileSize, std::
   tilesX_ = (sampled_.width() + tileSize_ - 1) / tileSize_;
   tilesY_ = (sampled_.height() + tileSize_ - 1) / tileSize_;
   for (ChannelRule r : rules_) (r == ChannelRule::kFiltered ? filteredCount_ : ownCount_)++;
-  if (filter_.separable()) {
+  const size_t columns = size_t(2 * reachX_ + 1), rows = size_t(2 * reachY_ + 1);
+  const size_t padded = (columns * rows + kFilmLanes - 1) / kFilmLanes * kFilmLanes;
+  const bool isTabulated = filter_.separable() && padded <= kMostFilmTargets;
+  targets_ = isTabulated ? padded : columns * rows;
+  if (isTabulated) {
     // Weights by place within the pixel: evaluating filters would take longer than all the rest.
-    for (int i = 0; i < kWeightSteps; ++i) {
+    weightsX_.assign(size_t(kWeightSteps) * targets_, 0.0f), weightsY_ = weightsX_;
+    for (size_t i = 0; i < size_t(kWeightSteps); ++i) {
       const float p = (float(i) + 0.5f) / float(kWeightSteps);
-      for (int d = -reachX_; d <= reachX_; ++d) weightsX_.push_back(filter_.evaluateX(p - (float(d) + 0.5f)));
-      for (int d = -reachY_; d <= reachY_; ++d) weightsY_.push_back(filter_.evaluateY(p - (float(d) + 0.5f)));
+      for (size_t t = 0; t < columns * rows; ++t) {
+        const int dx = int(t % columns) - reachX_, dy = int(t / columns) - reachY_;
+        weightsX_[i * targets_ + t] = filter_.evaluateX(p - (float(dx) + 0.5f));
+        weightsY_[i * targets_ + t] = filter_.evaluateY(p - (float(dy) + 0.5f));
+      }
     }
   }
   const size_t n = size_t(tileCount());
@@ -103,26 +112,6 @@ float ofOwnSamples(ChannelRule rule, const float* values, size_t n) {
   return result;
 }
 
-/// Adds w * value for the samples of one pixel: `values` holds `entry` numbers a sample, the first of them 1.
-/// The fixed size is the common one (weight and RGBA), which compilers unroll.
-template <size_t kEntry>
-void addSamples(const float* wx, const float* wy, int samples, const float* values, size_t entry,
-                float* sum) {
-  if constexpr (kEntry > 0) {
-    float local[kEntry] = {};  // in registers: `sum` might alias `values` for all the compiler knows
-    for (int i = 0; i < samples; ++i, values += kEntry) {
-      const float w = wx[i] * wy[i];
-      for (size_t c = 0; c < kEntry; ++c) local[c] += w * values[c];
-    }
-    for (size_t c = 0; c < kEntry; ++c) sum[c] = local[c];
-  } else {
-    for (int i = 0; i < samples; ++i, values += entry) {
-      const float w = wx[i] * wy[i];
-      for (size_t c = 0; c < entry; ++c) sum[c] += w * values[c];
-    }
-  }
-}
-
 }  // namespace
 
 std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSamples& s) const {
@@ -136,55 +125,49 @@ std::unique_ptr<Film::Splats> Film::splat(const PixelRect& rect, const TileSampl
   const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1;
   int most = s.samplesPerPixel;
   if (s.counts) most = *std::max_element(s.counts, s.counts + rect.area());
-  const size_t entry = size_t(filteredCount_ + 1), mostSamples = size_t(most);
-  out->sums.assign(size_t(rect.area()) * size_t(columns * rows) * entry, 0.0f);
+  const size_t entry = size_t(filteredCount_ + 1);
+  out->sums.assign(size_t(rect.area()) * targets_ * entry, 0.0f);
   out->ownValues.assign(size_t(rect.area()) * size_t(ownCount_), 0.0f);
-  std::vector<float> wx(size_t(columns) * mostSamples), wy(size_t(rows) * mostSamples, 1.0f),
-      values(mostSamples * entry, 1.0f);
-  const bool separable = filter_.separable();
+  const auto mostSamples = size_t(most);
+  std::vector<const float*> x(mostSamples), y(mostSamples), values(entry);
+  const bool isTabulated = !weightsX_.empty();
+  const FilmFunction addSamples = filmFunction();
   float* sum = out->sums.data();
   float* ownValue = out->ownValues.data();
   size_t first = 0;
-  for (long long pixel = 0; pixel < rect.area(); ++pixel) {
-    const int spp = s.counts ? s.counts[pixel] : s.samplesPerPixel;
-    const size_t samples = size_t(spp);
-    const float share = s.counts ? 1.0f / float(spp) : 1.0f;
+  for (long long pixel = 0; pixel < rect.area(); ++pixel, sum += targets_ * entry) {
+    FilmPixel p;
+    p.samples = size_t(s.counts ? s.counts[pixel] : s.samplesPerPixel), p.targets = targets_;
+    p.share = s.counts ? 1.0f / float(p.samples) : 1.0f;
     const float *px = s.x + first, *py = s.y + first;
-    size_t at = 1;
-    for (size_t r = 0; r < rules_.size(); ++r) {
-      const float* from = s.channels[r] + first;
-      if (rules_[r] == ChannelRule::kFiltered) {
-        for (size_t i = 0; i < samples; ++i) values[i * entry + at] = from[i];
-        ++at;
-      } else {
-        *ownValue++ = ofOwnSamples(rules_[r], from, samples);
+    for (size_t r = 0; r < rules_.size(); ++r)
+      if (rules_[r] == ChannelRule::kFiltered)
+        values[p.channels++] = s.channels[r] + first;
+      else
+        *ownValue++ = ofOwnSamples(rules_[r], s.channels[r] + first, p.samples);
+    p.values = values.data();
+    first += p.samples;
+    if (isTabulated) {
+      for (size_t i = 0; i < p.samples; ++i) {
+        const auto cell = [](float at) {
+          return size_t(std::clamp(at, 0.0f, 0.9999f) * float(kWeightSteps));
+        };
+        x[i] = weightsX_.data() + cell(px[i]) * targets_, y[i] = weightsY_.data() + cell(py[i]) * targets_;
       }
+      p.x = x.data(), p.y = y.data();
+      addSamples(p, sum);
+      continue;
     }
-    if (separable)
-      for (size_t i = 0; i < samples; ++i) {
-        const auto cell = [](float p) { return size_t(std::clamp(p, 0.0f, 0.9999f) * float(kWeightSteps)); };
-        const float* tx = weightsX_.data() + cell(px[i]) * size_t(columns);
-        const float* ty = weightsY_.data() + cell(py[i]) * size_t(rows);
-        for (int d = 0; d < columns; ++d) wx[size_t(d) * samples + i] = tx[d] * share;
-        for (int d = 0; d < rows; ++d) wy[size_t(d) * samples + i] = ty[d];
-      }
+    size_t target = 0;
     for (int ty = 0; ty < rows; ++ty)
-      for (int tx = 0; tx < columns; ++tx, sum += entry) {
-        const float* weights = wx.data() + size_t(tx) * samples;
-        const float* others = wy.data() + size_t(ty) * samples;
-        if (!separable) {  // the whole weight in wx, wy is 1
-          for (size_t i = 0; i < samples; ++i)
-            wx[i] =
-                filter_.evaluate(px[i] - (float(tx - reachX_) + 0.5f), py[i] - (float(ty - reachY_) + 0.5f)) *
-                share;
-          weights = wx.data();
+      for (int tx = 0; tx < columns; ++tx, ++target)
+        for (size_t i = 0; i < p.samples; ++i) {
+          const float w =
+              filter_.evaluate(px[i] - (float(tx - reachX_) + 0.5f), py[i] - (float(ty - reachY_) + 0.5f)) *
+              p.share;
+          sum[target] += w;
+          for (size_t c = 0; c < p.channels; ++c) sum[(1 + c) * targets_ + target] += w * values[c][i];
         }
-        if (entry == 5)
-          addSamples<5>(weights, others, spp, values.data(), entry, sum);
-        else
-          addSamples<0>(weights, others, spp, values.data(), entry, sum);
-      }
-    first += samples;
   }
   return out;
 }
@@ -195,8 +178,8 @@ FilmTile Film::gather(int tile) const {
   if (out.rect.empty()) return out;
   const size_t pixels = size_t(out.rect.area());
   out.channels.assign(rules_.size(), std::vector<float>(pixels));
-  const int columns = 2 * reachX_ + 1, rows = 2 * reachY_ + 1;
-  const size_t entry = size_t(filteredCount_ + 1), pixelEntries = size_t(columns * rows) * entry;
+  const int columns = 2 * reachX_ + 1;
+  const size_t entry = size_t(filteredCount_ + 1), pixelEntries = targets_ * entry;
   std::vector<float> sum(entry);
   // For each source column: its column of tiles and its place there.
   std::vector<std::pair<int, size_t>> sources;
@@ -213,8 +196,8 @@ FilmTile Film::gather(int tile) const {
           const Splats& s = *splats_[size_t(tileRow + tileColumn)];
           const size_t source = size_t(sy - s.rect.y0) * size_t(s.rect.width()) + column;
           const size_t target = size_t(y - sy + reachY_) * size_t(columns) + size_t(x - sx + reachX_);
-          const float* add = s.sums.data() + source * pixelEntries + target * entry;
-          for (size_t c = 0; c < entry; ++c) sum[c] += add[c];
+          const float* add = s.sums.data() + source * pixelEntries + target;
+          for (size_t c = 0; c < entry; ++c) sum[c] += add[c * targets_];
         }
       }
       const float total =

@@ -92,8 +92,11 @@ class Film {
   PixelFilter filter_;
   std::vector<ChannelRule> rules_;
   int reachX_, reachY_, tileSize_, tilesX_, tilesY_, filteredCount_ = 0, ownCount_ = 0;
-  std::vector<float> weightsX_, weightsY_;  // [step][target]
-  std::vector<uint8_t> known_;              // by tile
+  /// [step][target], for targets in rows, padded for the kernel; empty when the filter is not separable or
+  /// reaches too far for it.
+  std::vector<float> weightsX_, weightsY_;
+  size_t targets_ = 0;          // of a pixel, padding included
+  std::vector<uint8_t> known_;  // by tile
   std::vector<std::unique_ptr<Splats>> splats_;
   /// Used splats: their arrays are large enough that the system would map and clear fresh pages for each.
   mutable std::mutex poolMutex_;

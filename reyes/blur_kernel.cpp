@@ -1,10 +1,14 @@
 // Compiled once per instruction set (FR_ISA).
 //
-// A face that sweeps over many pixels would be tested against many samples that see it elsewhere. So its
-// place is bounded for each sample number ("slot") alone: the samples of one slot are close to each other in
-// time, or on the lens (SampleDimensions), so their bounds are small (compare Akenine-Möller et al.,
-// "Stochastic Rasterization using Time-Continuous Triangles", 2007). What is left is tested sixteen samples
-// at a time.
+// A face that sweeps over many pixels would be tested against many samples that see it elsewhere. So samples
+// are brought to faces, not faces to samples. All faces of a grid move nearly alike, and lie nearly as deep:
+// relative to the middle of the grid, wherever a sample sees that, each face keeps to a small box. A sample
+// is looked up once for the whole grid, by its place relative to the middle, in a table of these boxes, and
+// tested against the faces it finds there, a vector of samples at a time.
+//
+// Which samples are looked up: the middle's place is bounded for each sample number ("slot") alone; the
+// samples of one slot are close to each other in time, or on the lens (SampleDimensions), so these bounds are
+// small (compare Akenine-Möller et al., "Stochastic Rasterization using Time-Continuous Triangles", 2007).
 #include "reyes/blur_kernel.h"
 
 #include <algorithm>
@@ -21,10 +25,6 @@ using namespace fr::FR_ISA;
 constexpr int kWidth = int(kLanes);
 /// As in raster_kernel.cpp: triangles with sides below this are tested in int32.
 constexpr int32_t kSmallSide = 16 * kSubpixels;
-/// Faces whose bounds hold no more pixels than this are tested against all samples there.
-constexpr int kFewPixels = 6;
-/// From so many samples on it pays to look where they see the middle of the face first.
-constexpr size_t kManyCandidates = 32;
 constexpr int kMostKeys = 33;
 
 template <class T>
@@ -188,10 +188,109 @@ class Drawing {
  public:
   Drawing(const BlurFaces& f, const BlurSamples& s, RasterTarget& t) : faces_(f), samples_(s), target_(t) {}
 
-  /// False: no room for the fragments.
-  bool draw(uint32_t face) {
-    uint32_t v[4];
-    corners_ = faces_.indices ? 3 : 4;
+  void draw() {
+    if (!findMiddle()) return;
+    boundVertices();
+    boundFaces();
+    if (!(all_.x0 <= all_.x1)) return;
+    fillTable();
+    size_t candidates = 0;
+    for (int slot = 0; slot < target_.perPixel; slot += kWidth) candidates = addSlots(slot, candidates);
+    lookUp(candidates);
+    testPairs();
+  }
+
+ private:
+  /// Relative to the middle, pixels.
+  struct Box {
+    float x0, y0, x1, y1;
+    static Box empty() { return {kInfinity, kInfinity, -kInfinity, -kInfinity}; }
+    void add(const Box& o) {
+      x0 = o.x0 < x0 ? o.x0 : x0, y0 = o.y0 < y0 ? o.y0 : y0;
+      x1 = o.x1 > x1 ? o.x1 : x1, y1 = o.y1 > y1 ? o.y1 : y1;
+    }
+  };
+  struct Pixels {
+    int column0, row0, column1, row1;
+  };
+
+  /// The mean of the vertices, key by key. False: there is nothing to draw.
+  bool findMiddle() {
+    const size_t n = faces_.vertexCount;
+    size_t drawn = 0;
+    for (size_t v = 0; v < n; ++v) drawn += faces_.skip[v] == 0;
+    if (drawn == 0) return false;
+    const float share = 1.0f / float(drawn);
+    nearest_ = kInfinity;
+    for (int k = 0; k < faces_.keys; ++k) {
+      float x = 0, y = 0, z = 0;
+      for (size_t v = 0, at = size_t(k) * n; v < n; ++v, ++at) {
+        if (faces_.skip[v]) continue;
+        x += faces_.xw[at], y += faces_.yw[at], z += faces_.z[at];
+        nearest_ = faces_.z[at] < nearest_ ? faces_.z[at] : nearest_;
+      }
+      middle_.xw[k] = x * share, middle_.yw[k] = y * share, middle_.z[k] = z * share;
+    }
+    // Keys are rounded, and interpolated.
+    nearest_ = faces_.perspective ? -1 / nearest_ : nearest_;
+    nearest_ -= 4e-6f * (nearest_ < 0 ? -nearest_ : nearest_);
+    return true;
+  }
+
+  struct OnRaster {
+    float x, y, key;
+  };
+  OnRaster onRaster(float xw, float yw, float z) const {
+    const float inverse = faces_.perspective ? 1 / z : 1.0f;
+    return {xw * inverse, yw * inverse, faces_.perspective ? -inverse : z};
+  }
+  static float larger(float a, float b) { return a > b ? a : b; }
+  static float size(float a) { return a < 0 ? -a : a; }
+
+  /// Where each vertex is seen relative to the middle, at any time, from anywhere on the lens.
+  ///
+  /// Between keys 0 and 1, a point whose depths are z0 and z1 is seen at (1 - s) r0 + s r1, its depth key
+  /// likewise, where s = t z1 / ((1 - t) z0 + t z1). So what a vertex v is off the middle m lies between what
+  /// it is at both keys, give or take |s_v - s_m| times the middle's own way; and |s_v - s_m| <= |q_v - q_m|
+  /// / (4 min q) with q = z1 / z0.
+  void boundVertices() {
+    const size_t n = faces_.vertexCount;
+    for (size_t v = 0; v < n; ++v) vertex_[v] = Box::empty();
+    OnRaster last{};
+    for (int k = 0; k < faces_.keys; ++k) {
+      const OnRaster m = onRaster(middle_.xw[k], middle_.yw[k], middle_.z[k]);
+      const float wayX = k > 0 ? size(m.x - last.x) : 0, wayY = k > 0 ? size(m.y - last.y) : 0;
+      const float wayKey = k > 0 ? size(m.key - last.key) : 0;
+      const float qm = k > 0 ? middle_.z[k] / middle_.z[k - 1] : 1;
+      for (size_t v = 0, at = size_t(k) * n; v < n; ++v, ++at) {
+        if (faces_.skip[v]) continue;
+        const OnRaster p = onRaster(faces_.xw[at], faces_.yw[at], faces_.z[at]);
+        float spread = 0;
+        if (k > 0 && faces_.perspective) {
+          const float q = faces_.z[at] / faces_.z[at - n];
+          spread = size(q - qm) / (4 * (q < qm ? q : qm));
+        }
+        // The lens moves what lies deeper by another distance; and depths differ at the key before, too.
+        const float depth = size(p.key - m.key);
+        const float keys = larger(depth, k > 0 ? depth_[v] : 0) + spread * wayKey;
+        depth_[v] = depth;
+        const float moreX = spread * wayX + size(faces_.lens.x1) * keys,
+                    moreY = spread * wayY + size(faces_.lens.y1) * keys;
+        const float dx = p.x - m.x, dy = p.y - m.y;
+        Box box{dx - moreX, dy - moreY, dx + moreX, dy + moreY};
+        // What the key before was off counts with this key's more, as the way between them is the same.
+        if (k > 0) {
+          const Box& old = off_[v];
+          box.add({old.x0 - moreX, old.y0 - moreY, old.x1 + moreX, old.y1 + moreY});
+        }
+        off_[v] = {dx, dy, dx, dy};
+        vertex_[v].add(box);
+      }
+      last = m;
+    }
+  }
+
+  void cornersOf(uint32_t face, uint32_t v[4]) const {
     if (faces_.indices) {
       for (uint32_t i = 0; i < 3; ++i) v[i] = faces_.indices[3 * face + i];
     } else {
@@ -199,68 +298,82 @@ class Drawing {
       v[0] = face / columns * stride + face % columns;
       v[1] = v[0] + 1, v[2] = v[0] + stride, v[3] = v[2] + 1;
     }
-    float x0 = faces_.x0[v[0]], y0 = faces_.y0[v[0]], x1 = faces_.x1[v[0]], y1 = faces_.y1[v[0]];
-    uint8_t skip = faces_.skip[v[0]];
-    for (int c = 1; c < corners_; ++c) {
-      x0 = std::min(x0, faces_.x0[v[c]]), x1 = std::max(x1, faces_.x1[v[c]]);
-      y0 = std::min(y0, faces_.y0[v[c]]), y1 = std::max(y1, faces_.y1[v[c]]);
-      skip = uint8_t(skip | faces_.skip[v[c]]);
-    }
-    if (skip) return true;
-    const Box box = pixels(x0, y0, x1, y1);
-    if (box.empty()) return true;
-    for (int c = 0; c < corners_; ++c)
-      for (int k = 0; k < faces_.keys; ++k) {
-        const size_t at = size_t(k) * faces_.vertexCount + v[c];
-        corner_[c].xw[k] = faces_.xw[at], corner_[c].yw[k] = faces_.yw[at], corner_[c].z[k] = faces_.z[at];
-      }
-    size_t candidates = 0;
-    if (box.pixels() <= kFewPixels || target_.perPixel == 1) {
-      for (int row = box.row0; row <= box.row1; ++row) {
-        const auto first = uint32_t(row * target_.rowStride + box.column0 * target_.perPixel);
-        const auto n = uint32_t((box.column1 - box.column0 + 1) * target_.perPixel);
-        for (uint32_t i = 0; i < n; ++i) samples_.candidates[candidates++] = first + i;
-      }
-    } else {
-      for (int slot = 0; slot < target_.perPixel; slot += kWidth)
-        candidates = addSlots(slot, box, candidates);
-    }
-    if (candidates > kManyCandidates) candidates = keepNear(candidates);
-    if (candidates == 0) return true;
-    if (target_.fragments && target_.fragmentCount + 2 * candidates > target_.fragmentCapacity) return false;
-    ++target_.trianglesTested;
-    test(face, candidates);
-    return true;
   }
 
- private:
-  struct Box {
-    int column0, row0, column1, row1;
-    bool empty() const { return column0 > column1 || row0 > row1; }
-    int pixels() const { return (column1 - column0 + 1) * (row1 - row0 + 1); }
-  };
-  /// Pixels of the tile that raster bounds touch.
-  Box pixels(float x0, float y0, float x1, float y1) const {
-    constexpr float kSlack = 2.0f / kSubpixels;  // positions are rounded to steps
-    const auto clamped = [](float v, int most) {
-      // Written so that NaN ends outside.
-      return v >= 0 ? (v < float(most) ? int(v) : most) : -1;
+  void boundFaces() {
+    corners_ = faces_.indices ? 3 : 4;
+    all_ = Box::empty();
+    float width = 0, height = 0;
+    uint32_t drawn = 0;
+    for (uint32_t f = 0; f < faces_.faceCount; ++f) {
+      uint32_t v[4];
+      cornersOf(f, v);
+      Box box = Box::empty();
+      uint8_t skip = 0;
+      for (int c = 0; c < corners_; ++c) box.add(vertex_[v[c]]), skip = uint8_t(skip | faces_.skip[v[c]]);
+      face_[f] = Box::empty();
+      if (skip || !(box.x1 - box.x0 < kInfinity) || !(box.y1 - box.y0 < kInfinity)) continue;
+      // Both ends are rounded to steps, and a little for the rounding of the bounds themselves.
+      const float slackX = 4.0f / kSubpixels + 0.001f * (box.x1 - box.x0),
+                  slackY = 4.0f / kSubpixels + 0.001f * (box.y1 - box.y0);
+      face_[f] = {box.x0 - slackX, box.y0 - slackY, box.x1 + slackX, box.y1 + slackY};
+      all_.add(face_[f]);
+      width += face_[f].x1 - face_[f].x0, height += face_[f].y1 - face_[f].y0, ++drawn;
+    }
+    if (drawn == 0) return;
+    const auto cells = [&](float all, float sum) {
+      const float n = all * float(drawn) / sum;
+      return n < 1 ? 1 : n < float(kMostCells) ? int(n) : kMostCells;
     };
-    return {std::max(0, clamped(x0 - kSlack - float(faces_.originX), target_.columns)),
-            std::max(0, clamped(y0 - kSlack - float(faces_.originY), target_.rows)),
-            std::min(target_.columns - 1, clamped(x1 + kSlack - float(faces_.originX), target_.columns)),
-            std::min(target_.rows - 1, clamped(y1 + kSlack - float(faces_.originY), target_.rows))};
+    cellsX_ = cells(all_.x1 - all_.x0, width), cellsY_ = cells(all_.y1 - all_.y0, height);
+  }
+
+  /// Cells of the table that a face's box touches.
+  Pixels cellsOf(const Box& b) const {
+    const auto cell = [](float at, int count) {
+      return at > 0 ? (at < float(count) ? int(at) : count - 1) : 0;
+    };
+    return {cell((b.x0 - all_.x0) * perCellX_, cellsX_), cell((b.y0 - all_.y0) * perCellY_, cellsY_),
+            cell((b.x1 - all_.x0) * perCellX_, cellsX_), cell((b.y1 - all_.y0) * perCellY_, cellsY_)};
+  }
+  template <class F>
+  void forCells(F&& f) const {
+    for (uint32_t face = 0; face < faces_.faceCount; ++face) {
+      if (!(face_[face].x0 <= face_[face].x1)) continue;
+      const Pixels c = cellsOf(face_[face]);
+      for (int row = c.row0; row <= c.row1; ++row)
+        for (int column = c.column0; column <= c.column1; ++column) f(row * cellsX_ + column, face);
+    }
+  }
+  /// Which faces lie in which cell: those of cell c at [firstInCell_[c], firstInCell_[c + 1]).
+  void fillTable() {
+    for (;;) {
+      perCellX_ = float(cellsX_) / (all_.x1 - all_.x0), perCellY_ = float(cellsY_) / (all_.y1 - all_.y0);
+      const int cells = cellsX_ * cellsY_;
+      for (int i = 0; i <= cells; ++i) firstInCell_[i] = 0;
+      uint32_t entries = 0;
+      forCells([&](int cell, uint32_t) { ++firstInCell_[cell + 1], ++entries; });
+      if (entries <= kMostEntries) {
+        for (int i = 0; i < cells; ++i) firstInCell_[i + 1] += firstInCell_[i];
+        uint32_t next[kMostCells * kMostCells];
+        for (int i = 0; i < cells; ++i) next[i] = firstInCell_[i];
+        forCells([&](int cell, uint32_t face) { inCell_[next[cell]++] = uint16_t(face); });
+        return;
+      }
+      // Large faces between small ones. In a single cell there is room for all.
+      cellsX_ = (cellsX_ + 1) / 2, cellsY_ = (cellsY_ + 1) / 2;
+    }
   }
 
   Samples samplesAt(VI index) const {
     return {gather(samples_.time, index), gather(samples_.lensX, index), gather(samples_.lensY, index)};
   }
 
-  /// Collects the samples of slots [slot, slot + kWidth) that may see the face.
-  size_t addSlots(int slot, const Box& box, size_t candidates) {
+  /// Collects the samples of slots [slot, slot + kWidth) that may see a face.
+  size_t addSlots(int slot, size_t candidates) {
     V from, to, lx0, lx1, ly0, ly1;
     for (int i = 0; i < kWidth; ++i) {
-      const SlotRange& r = samples_.slots[std::min(slot + i, target_.perPixel - 1)];
+      const SlotRange& r = samples_.slots[slot + i < target_.perPixel ? slot + i : target_.perPixel - 1];
       from[i] = r.time0, to[i] = r.time1;
       lx0[i] = r.lensX0, lx1[i] = r.lensX1, ly0[i] = r.lensY0, ly1[i] = r.lensY1;
     }
@@ -271,134 +384,146 @@ class Drawing {
     int probes = last == 0 ? 1 : 2;
     if (last > 1) {
       const VI within = toInt(to * float(last)) - toInt(from * float(last));
-      for (int i = 0; i < kWidth; ++i) probes = std::max(probes, within[i] + 2);
+      for (int i = 0; i < kWidth; ++i) probes = within[i] + 2 > probes ? within[i] + 2 : probes;
     }
     for (int p = 0; p < probes; ++p) {
       V time = from;
       if (p > 0) time = p == probes - 1 ? to : vmin(toFloat(toInt(from * float(last)) + p) / float(last), to);
-      for (int c = 0; c < corners_; ++c) {
-        const Blended b = blend(corner_[c], faces_.keys, time);
-        V x = b.xw, y = b.yw, key = b.z;
-        if (faces_.perspective) {
-          const V inverse = 1.0f / b.z;
-          key = -inverse, x = x * inverse, y = y * inverse;
-        }
-        const V shiftX = faces_.lens.x0 + faces_.lens.x1 * key,
-                shiftY = faces_.lens.y0 + faces_.lens.y1 * key;
-        x0 = vmin(x0, x + vmin(lx0 * shiftX, lx1 * shiftX)),
-        x1 = vmax(x1, x + vmax(lx0 * shiftX, lx1 * shiftX));
-        y0 = vmin(y0, y + vmin(ly0 * shiftY, ly1 * shiftY)),
-        y1 = vmax(y1, y + vmax(ly0 * shiftY, ly1 * shiftY));
+      const Blended b = blend(middle_, faces_.keys, time);
+      V x = b.xw, y = b.yw, key = b.z;
+      if (faces_.perspective) {
+        const V inverse = 1.0f / b.z;
+        key = -inverse, x = x * inverse, y = y * inverse;
       }
+      const V shiftX = faces_.lens.x0 + faces_.lens.x1 * key, shiftY = faces_.lens.y0 + faces_.lens.y1 * key;
+      x0 = vmin(x0, x + vmin(lx0 * shiftX, lx1 * shiftX)),
+      x1 = vmax(x1, x + vmax(lx0 * shiftX, lx1 * shiftX));
+      y0 = vmin(y0, y + vmin(ly0 * shiftY, ly1 * shiftY)),
+      y1 = vmax(y1, y + vmax(ly0 * shiftY, ly1 * shiftY));
     }
     for (int i = 0; i < kWidth && slot + i < target_.perPixel; ++i) {
-      Box b = pixels(x0[i], y0[i], x1[i], y1[i]);
-      b = {std::max(b.column0, box.column0), std::max(b.row0, box.row0), std::min(b.column1, box.column1),
-           std::min(b.row1, box.row1)};
-      for (int row = b.row0; row <= b.row1; ++row)
-        for (int column = b.column0; column <= b.column1; ++column)
-          samples_.candidates[candidates++] =
-              uint32_t(row * target_.rowStride + column * target_.perPixel + slot + i);
+      const Pixels p = pixels(x0[i] + all_.x0, y0[i] + all_.y0, x1[i] + all_.x1, y1[i] + all_.y1);
+      for (int row = p.row0; row <= p.row1; ++row) {
+        auto at = uint32_t(row * target_.rowStride + p.column0 * target_.perPixel + slot + i);
+        for (int column = p.column0; column <= p.column1; ++column, at += uint32_t(target_.perPixel))
+          samples_.candidates[candidates++] = at;
+      }
     }
     return candidates;
   }
-
-  /// The face's middle, and how far, at most, a corner is seen from it at any time, from anywhere on the lens
-  /// (pixels).
-  ///
-  /// Between keys 0 and 1, a point whose depths are z0 and z1 is seen at (1 - s) r0 + s r1, its depth key
-  /// likewise, where s = t z1 / ((1 - t) z0 + t z1). So a corner c is off the middle m by no more than at the
-  /// keys, plus |s_c - s_m| times the middle's own way; and |s_c - s_m| <= |q_c - q_m| / (4 min q) with q =
-  /// z1 / z0.
-  void findMiddle(float* radiusX, float* radiusY) {
-    const float share = 1.0f / float(corners_);
-    float* xw = middle_.xw;
-    float* yw = middle_.yw;
-    float* z = middle_.z;
-    *radiusX = *radiusY = 0;
-    float lastX = 0, lastY = 0, lastKey = 0, dx0 = 0, dy0 = 0, dk0 = 0;
-    for (int k = 0; k < faces_.keys; ++k) {
-      xw[k] = yw[k] = z[k] = 0;
-      for (int c = 0; c < corners_; ++c)
-        xw[k] += share * corner_[c].xw[k], yw[k] += share * corner_[c].yw[k], z[k] += share * corner_[c].z[k];
-      const auto seen = [&](float x, float y, float depth, float out[3]) {
-        const float inverse = faces_.perspective ? 1 / depth : 1.0f;
-        out[0] = x * inverse, out[1] = y * inverse, out[2] = faces_.perspective ? -inverse : depth;
-      };
-      float m[3];
-      seen(xw[k], yw[k], z[k], m);
-      float dx = 0, dy = 0, dk = 0, spread = 0;
-      for (int c = 0; c < corners_; ++c) {
-        float p[3];
-        seen(corner_[c].xw[k], corner_[c].yw[k], corner_[c].z[k], p);
-        dx = std::max(dx, std::abs(p[0] - m[0])), dy = std::max(dy, std::abs(p[1] - m[1]));
-        dk = std::max(dk, std::abs(p[2] - m[2]));
-        if (k > 0 && faces_.perspective) {
-          const float q = corner_[c].z[k] / corner_[c].z[k - 1], qm = z[k] / z[k - 1];
-          spread = std::max(spread, std::abs(q - qm) / (4 * std::min(q, qm)));
-        }
-      }
-      const float wayX = k > 0 ? std::abs(m[0] - lastX) : 0, wayY = k > 0 ? std::abs(m[1] - lastY) : 0;
-      const float wayKey = k > 0 ? std::abs(m[2] - lastKey) : 0;
-      const float keys = std::max(dk, dk0) + spread * wayKey;
-      *radiusX = std::max(*radiusX, std::max(dx, dx0) + spread * wayX + std::abs(faces_.lens.x1) * keys);
-      *radiusY = std::max(*radiusY, std::max(dy, dy0) + spread * wayY + std::abs(faces_.lens.y1) * keys);
-      lastX = m[0], lastY = m[1], lastKey = m[2], dx0 = dx, dy0 = dy, dk0 = dk;
-    }
+  /// Pixels of the tile that raster bounds touch.
+  Pixels pixels(float x0, float y0, float x1, float y1) const {
+    constexpr float kSlack = 2.0f / kSubpixels;  // positions are rounded to steps
+    const auto clamped = [](float v, int most) {
+      // Written so that NaN ends outside.
+      return v >= 0 ? (v < float(most) ? int(v) : most) : -1;
+    };
+    const int column0 = clamped(x0 - kSlack - float(faces_.originX), target_.columns);
+    const int row0 = clamped(y0 - kSlack - float(faces_.originY), target_.rows);
+    const int column1 = clamped(x1 + kSlack - float(faces_.originX), target_.columns);
+    const int row1 = clamped(y1 + kSlack - float(faces_.originY), target_.rows);
+    return {column0 < 0 ? 0 : column0, row0 < 0 ? 0 : row0,
+            column1 < target_.columns ? column1 : target_.columns - 1,
+            row1 < target_.rows ? row1 : target_.rows - 1};
   }
 
-  /// Fills the last vector of candidates with copies of the first.
-  void pad(size_t candidates) {
+  /// Finds the faces whose boxes hold the samples.
+  void lookUp(size_t candidates) {
+    // The last vector is filled with copies, which do not count.
     for (size_t i = candidates; i % size_t(kWidth) != 0; ++i) samples_.candidates[i] = samples_.candidates[0];
-  }
-  static uint32_t firstLanes(size_t n) { return n >= size_t(kWidth) ? ~0u : (1u << n) - 1; }
-
-  /// Leaves out samples that see the middle of the face farther away than the face reaches.
-  size_t keepNear(size_t candidates) {
-    float radiusX, radiusY;
-    findMiddle(&radiusX, &radiusY);
-    constexpr float kSlack = 4;  // steps: what rounding adds, and a little of the radius
-    const float rx = radiusX * (1.001f * kSubpixels) + kSlack, ry = radiusY * (1.001f * kSubpixels) + kSlack;
-    pad(candidates);
-    size_t kept = 0;
     for (size_t first = 0; first < candidates; first += size_t(kWidth)) {
       const VI index = load<VI>(samples_.candidates + first);
       const Seen m = see(faces_, middle_, samplesAt(index));
-      const V dx = vabs(toFloat(m.x - gather(target_.x, index))),
-              dy = vabs(toFloat(m.y - gather(target_.y, index)));
-      uint32_t near = maskBits((dx <= rx) & (dy <= ry)) & firstLanes(candidates - first);
-      for (; near; near &= near - 1) samples_.candidates[kept++] = uint32_t(index[std::countr_zero(near)]);
+      const V dx = toFloat(gather(target_.x, index) - m.x) * (1.0f / kSubpixels),
+              dy = toFloat(gather(target_.y, index) - m.y) * (1.0f / kSubpixels);
+      uint32_t mask = maskBits((dx >= all_.x0) & (dx <= all_.x1) & (dy >= all_.y0) & (dy <= all_.y1) &
+                               (gather(target_.depth, index) >= nearest_));
+      if (candidates - first < size_t(kWidth)) mask &= (1u << (candidates - first)) - 1;
+      if (mask == 0) continue;
+      VI column = toInt((dx - all_.x0) * perCellX_), row = toInt((dy - all_.y0) * perCellY_);
+      column = column < cellsX_ - 1 ? column : splatInt(cellsX_ - 1);
+      row = row < cellsY_ - 1 ? row : splatInt(cellsY_ - 1);
+      const VI cell = row * cellsX_ + column;
+      for (; mask; mask &= mask - 1) {
+        const int i = std::countr_zero(mask);
+        const float x = dx[i], y = dy[i];
+        const uint32_t end = firstInCell_[cell[i] + 1];
+        if (pairs_ + (end - firstInCell_[cell[i]]) > kMostBlurPairs) testPairs();
+        for (uint32_t e = firstInCell_[cell[i]]; e < end; ++e) {
+          const uint32_t face = inCell_[e];
+          const Box& b = face_[face];
+          samples_.pairs[pairs_] = {uint32_t(index[i]), face};
+          pairs_ += (x >= b.x0) & (x <= b.x1) & (y >= b.y0) & (y <= b.y1);
+        }
+      }
     }
-    return kept;
   }
 
-  void test(uint32_t face, size_t candidates) {
-    pad(candidates);
-    for (size_t first = 0; first < candidates; first += size_t(kWidth)) {
-      const VI index = load<VI>(samples_.candidates + first);
-      const Samples s = samplesAt(index);
-      const VI x = gather(target_.x, index), y = gather(target_.y, index);
-      Seen seen[4];
-      seen[0] = see(faces_, corner_[0], s);
-      VI x0 = seen[0].x, x1 = x0, y0 = seen[0].y, y1 = y0;
-      for (int c = 1; c < corners_; ++c) {
-        seen[c] = see(faces_, corner_[c], s);
-        x0 = smaller(x0, seen[c].x), x1 = larger(x1, seen[c].x);
-        y0 = smaller(y0, seen[c].y), y1 = larger(y1, seen[c].y);
+  /// Tests the pairs that were found, face by face.
+  void testPairs() {
+    if (pairs_ == 0) return;
+    for (uint32_t f = 0; f <= faces_.faceCount; ++f) firstPair_[f] = 0;
+    for (size_t i = 0; i < pairs_; ++i) ++firstPair_[samples_.pairs[i].face];
+    for (uint32_t f = 0, sum = 0; f <= faces_.faceCount; ++f) {
+      const uint32_t count = firstPair_[f];
+      firstPair_[f] = sum, sum += count;
+    }
+    for (size_t i = 0; i < pairs_; ++i)
+      samples_.sorted[firstPair_[samples_.pairs[i].face]++] = samples_.pairs[i].sample;
+    // firstPair_[f] is now where the next face begins.
+    for (uint32_t f = 0, begin = 0; f < faces_.faceCount; begin = firstPair_[f], ++f)
+      if (firstPair_[f] > begin) testFace(f, samples_.sorted + begin, firstPair_[f] - begin);
+    pairs_ = 0;
+  }
+
+  void testFace(uint32_t face, const uint32_t* samples, size_t count) {
+    ++target_.trianglesTested;
+    uint32_t v[4];
+    cornersOf(face, v);
+    for (int c = 0; c < corners_; ++c)
+      for (int k = 0; k < faces_.keys; ++k) {
+        const size_t at = size_t(k) * faces_.vertexCount + v[c];
+        corner_[c].xw[k] = faces_.xw[at], corner_[c].yw[k] = faces_.yw[at], corner_[c].z[k] = faces_.z[at];
       }
-      const bool small = !anyLane((x1 - x0 >= kSmallSide) | (y1 - y0 >= kSmallSide));
-      for (int t = 0; t < corners_ - 2; ++t) {
-        // (0, 1, 2) and (1, 3, 2), as gridTriangle().
-        const Seen &a = seen[t], &b = seen[t ? 3 : 1], &c = seen[2];
-        V key = {};
-        const VI inside = small ? testSmall(a, b, c, x, y, faces_.cullSign, &key)
-                                : testLarge(a, b, c, x, y, faces_.cullSign, &key);
-        const uint32_t triangle = corners_ == 3 ? face : 2 * face + uint32_t(t);
-        uint32_t hits = maskBits(inside) & firstLanes(candidates - first);
-        for (; hits; hits &= hits - 1) {
-          const int i = std::countr_zero(hits);
-          hit(uint32_t(index[i]), faces_.slot << kTriangleBits | triangle, key[i]);
-        }
+    for (size_t first = 0; first < count; first += size_t(kWidth)) {
+      VI index;
+      uint32_t lanes = ~0u;
+      if (count - first >= size_t(kWidth)) {
+        index = load<VI>(samples + first);
+      } else {
+        lanes = (1u << (count - first)) - 1;
+        index = splatInt(int32_t(samples[first]));
+        for (size_t i = 1; first + i < count; ++i) index[i] = int32_t(samples[first + i]);
+      }
+      test(face, index, lanes);
+    }
+  }
+
+  void test(uint32_t face, VI index, uint32_t lanes) {
+    const Samples s = samplesAt(index);
+    const VI x = gather(target_.x, index), y = gather(target_.y, index);
+    Seen seen[4];
+    seen[0] = see(faces_, corner_[0], s);
+    VI x0 = seen[0].x, x1 = x0, y0 = seen[0].y, y1 = y0;
+    for (int c = 1; c < corners_; ++c) {
+      seen[c] = see(faces_, corner_[c], s);
+      x0 = smaller(x0, seen[c].x), x1 = fr::reyes::FR_ISA::larger(x1, seen[c].x);
+      y0 = smaller(y0, seen[c].y), y1 = fr::reyes::FR_ISA::larger(y1, seen[c].y);
+    }
+    const bool small = !anyLane((x1 - x0 >= kSmallSide) | (y1 - y0 >= kSmallSide));
+    for (int t = 0; t < corners_ - 2; ++t) {
+      // (0, 1, 2) and (1, 3, 2), as gridTriangle().
+      const Seen &a = seen[t], &b = seen[t ? 3 : 1], &c = seen[2];
+      V key = {};
+      const VI inside = small ? testSmall(a, b, c, x, y, faces_.cullSign, &key)
+                              : testLarge(a, b, c, x, y, faces_.cullSign, &key);
+      const uint32_t triangle = corners_ == 3 ? face : 2 * face + uint32_t(t);
+      uint32_t hits = maskBits(inside) & lanes;
+      if (target_.fragments && target_.fragmentCount + size_t(kWidth) > target_.fragmentCapacity)
+        target_.drain(target_);
+      for (; hits; hits &= hits - 1) {
+        const int i = std::countr_zero(hits);
+        hit(uint32_t(index[i]), faces_.slot << kTriangleBits | triangle, key[i]);
       }
     }
   }
@@ -419,22 +544,30 @@ class Drawing {
     }
   }
 
+  static constexpr int kMostCells = 24;  // of the table, each way
+  static constexpr uint32_t kMostFaces = 1u << kTriangleBits, kMostEntries = 8 * kMostFaces;
+
   const BlurFaces& faces_;
   const BlurSamples& samples_;
   RasterTarget& target_;
   int corners_ = 4;  // of a face
   Track corner_[4];
   Track middle_;
+  float nearest_ = 0;  // key
+  Box all_;
+  int cellsX_ = 1, cellsY_ = 1;
+  float perCellX_ = 1, perCellY_ = 1;
+  size_t pairs_ = 0;
+  Box vertex_[kMostBlurVertices], off_[kMostBlurVertices], face_[kMostFaces];
+  float depth_[kMostBlurVertices];
+  uint32_t firstInCell_[kMostCells * kMostCells + 1], firstPair_[kMostFaces + 1];
+  uint16_t inCell_[kMostEntries];
 };
 
 }  // namespace
 
-uint32_t drawBlurred(const BlurFaces& faces, uint32_t first, const BlurSamples& samples,
-                     RasterTarget& target) {
-  Drawing drawing(faces, samples, target);
-  for (uint32_t face = first; face < faces.faceCount; ++face)
-    if (!drawing.draw(face)) return face;
-  return faces.faceCount;
+void drawBlurred(const BlurFaces& faces, const BlurSamples& samples, RasterTarget& target) {
+  Drawing(faces, samples, target).draw();
 }
 
 }  // namespace fr::reyes::FR_ISA

@@ -16,13 +16,24 @@ struct SlotRange {
   float time0 = 0, time1 = 0, lensX0 = 0, lensX1 = 0, lensY0 = 0, lensY1 = 0;
 };
 
+/// A sample that may see a face.
+struct BlurPair {
+  uint32_t sample, face;
+};
+inline constexpr size_t kMostBlurPairs = 1 << 15;
+/// Of a grid's vertices; its faces are as many as triangles have numbers.
+inline constexpr size_t kMostBlurVertices = 1100;
+
 /// A tile's samples, as the kernel reads them beside its RasterTarget; see SampleBuffer.
 struct BlurSamples {
   const float* time = nullptr;
   const float* lensX = nullptr;
   const float* lensY = nullptr;
   const SlotRange* slots = nullptr;  // as many as samples a pixel
-  uint32_t* candidates = nullptr;    // scratch: room for all samples of the tile and 16 more
+  // Scratch: room for all samples of the tile and 16 more; for kMostBlurPairs.
+  uint32_t* candidates = nullptr;
+  BlurPair* pairs = nullptr;
+  uint32_t* sorted = nullptr;
 };
 
 /// Faces over one set of vertices: cells of a grid (two triangles each, split as RasterTriangles), or an
@@ -76,19 +87,18 @@ inline BlurPoint blurVertex(const BlurFaces& f, uint32_t v, float time, float le
                    f.z[a] + t * (f.z[b] - f.z[a]), lensX, lensY);
 }
 
-/// Draws faces [first, faceCount). Returns the first face that was not drawn for lack of room for fragments,
-/// or faceCount. Coverage is exact for every sample, as in RasterFunction.
-using BlurFunction = uint32_t (*)(const BlurFaces&, uint32_t first, const BlurSamples&, RasterTarget&);
+/// Draws faces. Coverage is exact for every sample, as in RasterFunction.
+using BlurFunction = void (*)(const BlurFaces&, const BlurSamples&, RasterTarget&);
 BlurFunction blurFunction();
 
 namespace sse4 {
-uint32_t drawBlurred(const BlurFaces&, uint32_t first, const BlurSamples&, RasterTarget&);
+void drawBlurred(const BlurFaces&, const BlurSamples&, RasterTarget&);
 }
 namespace avx2 {
-uint32_t drawBlurred(const BlurFaces&, uint32_t first, const BlurSamples&, RasterTarget&);
+void drawBlurred(const BlurFaces&, const BlurSamples&, RasterTarget&);
 }
 namespace avx512 {
-uint32_t drawBlurred(const BlurFaces&, uint32_t first, const BlurSamples&, RasterTarget&);
+void drawBlurred(const BlurFaces&, const BlurSamples&, RasterTarget&);
 }
 
 }  // namespace fr::reyes

@@ -91,7 +91,6 @@ bool winsTie(const RasterTarget& target, uint32_t hit, uint32_t other) {
 struct Pixels {
   int column0, row0, column1, row1;
   bool empty() const { return column0 > column1 || row0 > row1; }
-  size_t count() const { return size_t(column1 - column0 + 1) * size_t(row1 - row0 + 1); }
 };
 Pixels pixelsOf(int32_t x0, int32_t y0, int32_t x1, int32_t y1, const RasterTarget& target) {
   Pixels p{x0 >> kSubpixelBits, y0 >> kSubpixelBits, x1 >> kSubpixelBits, y1 >> kSubpixelBits};
@@ -107,9 +106,9 @@ void touch(const Pixels& p, RasterTarget& target) {
   if (p.row0 < target.row0) target.row0 = p.row0;
   if (p.row1 > target.row1) target.row1 = p.row1;
 }
-bool hasRoom(const Pixels& p, const RasterTarget& target) {
-  return !target.fragments ||
-         target.fragmentCount + p.count() * size_t(target.perPixel) <= target.fragmentCapacity;
+/// Leaves room for a vector of fragments.
+FR_INLINE void makeRoom(RasterTarget& target) {
+  if (target.fragmentCount + size_t(kWidth) > target.fragmentCapacity) target.drain(target);
 }
 
 // ---- small: all of a triangle, or of a cell's two
@@ -176,6 +175,7 @@ class SmallFace {
     }
     if (target.fragments) {
       inside &= ~signBits(key > loadFloat(target.depth + first));
+      makeRoom(target);
       for (; inside; inside &= inside - 1) {
         const int i = std::countr_zero(inside);
         target.fragments[target.fragmentCount++] = {uint32_t(first) + uint32_t(i), uint32_t(hit[i]), key[i],
@@ -263,7 +263,9 @@ void drawLarge(const Corner& a, const Corner& b, const Corner& c, float area, co
       if (!(w0 >= e0.bias && w1 >= e1.bias && w2 >= e2.bias)) continue;
       const float key = k0 + float(w2) * k1 + float(w0) * k2;
       if (target.fragments) {
-        if (key <= target.depth[i]) target.fragments[target.fragmentCount++] = {uint32_t(i), hit, key, 0};
+        if (!(key <= target.depth[i])) continue;
+        makeRoom(target);
+        target.fragments[target.fragmentCount++] = {uint32_t(i), hit, key, 0};
       } else if (key < target.depth[i]) {
         target.depth[i] = key, target.hit[i] = hit;
       } else if (key == target.depth[i] && winsTie(target, hit, target.hit[i])) {
@@ -273,26 +275,28 @@ void drawLarge(const Corner& a, const Corner& b, const Corner& c, float area, co
   }
 }
 
-/// Any triangle. False: no room for its fragments.
-bool drawTriangle(Corner a, Corner b, Corner c, uint32_t hit, int cullSign, RasterTarget& target) {
+int64_t areaOf(const Corner& a, const Corner& b, const Corner& c) {
+  return int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
+}
+
+/// Any triangle.
+void drawTriangle(Corner a, Corner b, Corner c, uint32_t hit, int cullSign, RasterTarget& target) {
   const int32_t x0 = min3(a.x, b.x, c.x), x1 = max3(a.x, b.x, c.x);
   const int32_t y0 = min3(a.y, b.y, c.y), y1 = max3(a.y, b.y, c.y);
   const Pixels p = pixelsOf(x0, y0, x1, y1, target);
-  if (p.empty()) return true;
-  int64_t area = int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
-  if (area == 0 || (area < 0 ? cullSign < 0 : cullSign > 0)) return true;
+  if (p.empty()) return;
+  int64_t area = areaOf(a, b, c);
+  if (area == 0 || (area < 0 ? cullSign < 0 : cullSign > 0)) return;
   if (area < 0) {
     const Corner other = b;
     b = c, c = other, area = -area;
   }
-  if (!hasRoom(p, target)) return false;
   ++target.trianglesTested;
   touch(p, target);
   if (x1 - x0 < kSmallSide && y1 - y0 < kSmallSide)
     drawSmall(SmallFace<false>(a, b, c, a, int32_t(area), 0, hit), p, x0, y0, x1, y1, target);
   else
     drawLarge(a, b, c, float(area), p, hit, target);
-  return true;
 }
 
 /// Boxes and areas of some cells of a row of a grid.
@@ -326,8 +330,8 @@ void measureCells(const RasterTriangles& in, size_t v, size_t stride, uint32_t c
   }
 }
 
-/// Cell (i, j) of a grid; `cell` its number. False: no room for its fragments.
-bool drawCell(const RasterTriangles& in, const CellRow& row, uint32_t k, uint32_t i, uint32_t j,
+/// Cell (i, j) of a grid; `cell` its number.
+void drawCell(const RasterTriangles& in, const CellRow& row, uint32_t k, uint32_t i, uint32_t j,
               uint32_t cell, RasterTarget& target) {
   const int32_t x0 = row.x0[k], y0 = row.y0[k], x1 = row.x1[k], y1 = row.y1[k];
   const uint32_t stride = uint32_t(in.nu) + 1, a = j * stride + i, b = a + 1, c = a + stride, d = c + 1;
@@ -344,53 +348,81 @@ bool drawCell(const RasterTriangles& in, const CellRow& row, uint32_t k, uint32_
   if (isOneQuad) {
     // Seen from behind it has its other two corners the other way round.
     const bool behind = area < 0;
-    if (behind ? in.cullSign < 0 : in.cullSign > 0) return true;
-    if (!hasRoom(p, target)) return false;
+    if (behind ? in.cullSign < 0 : in.cullSign > 0) return;
     target.trianglesTested += 2;
     touch(p, target);
     const SmallFace<true> face(corner(a), corner(behind ? c : b), corner(behind ? b : c), corner(d),
                                behind ? -area : area, behind ? -area2 : area2, hit);
     drawSmall(face, p, x0, y0, x1, y1, target);
-    return true;
+    return;
   }
-  if (target.fragments &&
-      target.fragmentCount + 2 * p.count() * size_t(target.perPixel) > target.fragmentCapacity)
-    return false;
   if (!isSkipped(a, b, c)) drawTriangle(corner(a), corner(b), corner(c), hit, in.cullSign, target);
   if (!isSkipped(b, d, c)) drawTriangle(corner(b), corner(d), corner(c), hit + 1, in.cullSign, target);
-  return true;
 }
 
-/// Triangles [first, triangleCount) of a grid; `first` is even.
-uint32_t drawGrid(const RasterTriangles& in, uint32_t first, RasterTarget& target) {
+void drawGrid(const RasterTriangles& in, RasterTarget& target) {
   const auto columns = uint32_t(in.nu), stride = columns + 1;
   const int32_t right = target.columns << kSubpixelBits, bottom = target.rows << kSubpixelBits;
   CellRow row;
-  uint32_t cell = first >> 1, i = cell % columns;
-  for (uint32_t j = cell / columns; j < uint32_t(in.nv); ++j, i = 0)
-    while (i < columns) {
-      const uint32_t count = columns - i < CellRow::kMost ? columns - i : CellRow::kMost;
-      measureCells(in, size_t(j) * stride + i, stride, count, row);
-      for (uint32_t k = 0; k < count; ++k, ++i, ++cell) {
+  uint32_t cell = 0;
+  for (uint32_t j = 0; j < uint32_t(in.nv); ++j)
+    for (uint32_t first = 0; first < columns; first += CellRow::kMost) {
+      const uint32_t count = columns - first < CellRow::kMost ? columns - first : CellRow::kMost;
+      measureCells(in, size_t(j) * stride + first, stride, count, row);
+      for (uint32_t k = 0; k < count; ++k, ++cell) {
         if (row.x1[k] < 0 || row.y1[k] < 0 || row.x0[k] >= right || row.y0[k] >= bottom) continue;
-        if (!drawCell(in, row, k, i, j, cell, target)) return 2 * cell;
+        drawCell(in, row, k, first + k, j, cell, target);
       }
     }
-  return in.triangleCount;
+}
+
+/// Triangles n and n + 1 of a list as one quadrilateral, if that is what they make: a b c, d c b of a ribbon,
+/// or a b c, a c d of a polygon. False: they are not drawn.
+bool drawPair(const RasterTriangles& in, uint32_t n, RasterTarget& target) {
+  if (n + 1 >= in.triangleCount || in.ids) return false;
+  const uint8_t* i = in.indices + 3 * n;
+  uint32_t v[4];
+  if (i[4] == i[2] && i[5] == i[1])
+    v[0] = i[0], v[1] = i[1], v[2] = i[2], v[3] = i[3];
+  else if (i[3] == i[0] && i[4] == i[2])
+    v[0] = i[1], v[1] = i[2], v[2] = i[0], v[3] = i[5];
+  else
+    return false;
+  if (in.skip && (in.skip[v[0]] | in.skip[v[1]] | in.skip[v[2]] | in.skip[v[3]])) return false;
+  const auto corner = [&](uint32_t k) { return Corner{in.x[k], in.y[k], in.key[k]}; };
+  const Corner a = corner(v[0]), b = corner(v[1]), c = corner(v[2]), d = corner(v[3]);
+  const int32_t x0 = min3(a.x, b.x, c.x < d.x ? c.x : d.x), x1 = max3(a.x, b.x, c.x > d.x ? c.x : d.x);
+  const int32_t y0 = min3(a.y, b.y, c.y < d.y ? c.y : d.y), y1 = max3(a.y, b.y, c.y > d.y ? c.y : d.y);
+  if (x1 - x0 >= kSmallSide || y1 - y0 >= kSmallSide) return false;
+  const Pixels p = pixelsOf(x0, y0, x1, y1, target);
+  if (p.empty()) return true;
+  const auto area = int32_t(areaOf(a, b, c)), area2 = int32_t(areaOf(b, d, c));
+  if (area == 0 || area2 == 0 || (area < 0) != (area2 < 0)) return false;
+  const bool behind = area < 0;
+  if (behind ? in.cullSign < 0 : in.cullSign > 0) return true;
+  target.trianglesTested += 2;
+  touch(p, target);
+  const SmallFace<true> face(a, behind ? c : b, behind ? b : c, d, behind ? -area : area,
+                             behind ? -area2 : area2, in.slot << kTriangleBits | n);
+  drawSmall(face, p, x0, y0, x1, y1, target);
+  return true;
 }
 
 }  // namespace
 
-uint32_t rasterise(const RasterTriangles& in, uint32_t first, RasterTarget& target) {
-  if (!in.indices) return drawGrid(in, first, target);
-  for (uint32_t n = first; n < in.triangleCount; ++n) {
+void rasterise(const RasterTriangles& in, RasterTarget& target) {
+  if (!in.indices) return drawGrid(in, target);
+  for (uint32_t n = 0; n < in.triangleCount; ++n) {
+    if (drawPair(in, n, target)) {
+      ++n;
+      continue;
+    }
     const uint32_t v[3] = {in.indices[3 * n], in.indices[3 * n + 1], in.indices[3 * n + 2]};
     if (in.skip && (in.skip[v[0]] | in.skip[v[1]] | in.skip[v[2]])) continue;
     const auto corner = [&](uint32_t i) { return Corner{in.x[i], in.y[i], in.key[i]}; };
     const uint32_t hit = in.slot << kTriangleBits | (in.ids ? in.ids[n] : n);
-    if (!drawTriangle(corner(v[0]), corner(v[1]), corner(v[2]), hit, in.cullSign, target)) return n;
+    drawTriangle(corner(v[0]), corner(v[1]), corner(v[2]), hit, in.cullSign, target);
   }
-  return in.triangleCount;
 }
 
 }  // namespace fr::reyes::FR_ISA

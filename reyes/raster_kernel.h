@@ -34,9 +34,12 @@ struct RasterTarget {
   /// Rank of the grid in each slot: of two hits at the same depth the lower (rank, triangle) wins, whichever
   /// came first.
   const uint64_t* slotRank = nullptr;
-  /// Fragments go here when set (and depth is only read): room for `fragmentCapacity`.
+  /// Fragments go here when set (and depth is only read). When there is not room for a vector more, drain()
+  /// takes them and sets fragmentCount to 0; what is left at the end is the caller's.
   Fragment* fragments = nullptr;
   size_t fragmentCapacity = 0, fragmentCount = 0;
+  void (*drain)(RasterTarget&) = nullptr;
+  void* drainTo = nullptr;
   /// Pixels touched so far, inclusive.
   int column0 = 1 << 30, row0 = 1 << 30, column1 = -1, row1 = -1;
   uint64_t trianglesTested = 0;
@@ -68,22 +71,20 @@ inline void gridTriangle(int nu, uint32_t t, uint32_t out[3]) {
   out[2] = a + stride;
 }
 
-/// Draws triangles [first, triangleCount). Returns the first that was not drawn for lack of room for
-/// fragments, or triangleCount. Coverage is exact: samples on a shared edge belong to one of its two
-/// triangles.
-using RasterFunction = uint32_t (*)(const RasterTriangles&, uint32_t first, RasterTarget&);
+/// Draws triangles. Coverage is exact: samples on a shared edge belong to one of its two triangles.
+using RasterFunction = void (*)(const RasterTriangles&, RasterTarget&);
 RasterFunction rasterFunction();
 /// Samples in a vector of that function: the size of the groups that it uses.
 int rasterWidth();
 
 namespace sse4 {
-uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+void rasterise(const RasterTriangles&, RasterTarget&);
 }
 namespace avx2 {
-uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+void rasterise(const RasterTriangles&, RasterTarget&);
 }
 namespace avx512 {
-uint32_t rasterise(const RasterTriangles&, uint32_t first, RasterTarget&);
+void rasterise(const RasterTriangles&, RasterTarget&);
 }
 
 }  // namespace fr::reyes

@@ -89,6 +89,7 @@ void SampleBuffer::resetBlur(const SamplePattern& pattern) {
   for (auto* v : {&time, &lensX, &lensY}) v->assign(size(), 0.0f);
   slots_.assign(size_t(perPixel_), {1, 0, 1, -1, 1, -1});
   candidates_.resize(size() + kRunPadding);
+  pairs_.resize(kMostBlurPairs), sorted_.resize(kMostBlurPairs);
   for (int row = 0; row < rect_.height(); ++row)
     for (int column = 0; column < rect_.width(); ++column) {
       const SamplePattern::Blur* blur =
@@ -105,7 +106,8 @@ void SampleBuffer::resetBlur(const SamplePattern& pattern) {
 }
 
 BlurSamples SampleBuffer::blurSamples() {
-  return {time.data(), lensX.data(), lensY.data(), slots_.data(), candidates_.data()};
+  return {time.data(),        lensX.data(),  lensY.data(),  slots_.data(),
+          candidates_.data(), pairs_.data(), sorted_.data()};
 }
 
 void SampleBuffer::touched(int column0, int row0, int column1, int row1) {

@@ -86,7 +86,8 @@ class SampleBuffer {
 
   std::vector<SampleGroup> groups_;
   std::vector<SlotRange> slots_;
-  std::vector<uint32_t> candidates_;
+  std::vector<uint32_t> candidates_, sorted_;
+  std::vector<BlurPair> pairs_;
   PixelRect rect_;
   size_t firstOfPixel_ = 0;  // of the pattern's
   int perPixel_ = 0, rowStride_ = 0, blocksX_ = 0, blocksY_ = 0;

@@ -35,25 +35,11 @@ Vec2 patchParameters(const TileGrid& g, const TileView& view, const ShutterSpace
 /// Fragments that are gathered before they go to their list.
 constexpr size_t kFragmentRoom = 4096;
 
-/// Draws faces [0, count) with raster(first, target), as RasterFunction does: to depths, or to fragments by
-/// way of `room`.
-template <class Raster>
-void drawFaces(uint32_t count, std::vector<Fragment>* fragments, std::vector<Fragment>& room,
-               RasterTarget& target, Raster&& raster) {
-  if (!fragments) {
-    raster(0u, target);
-    return;
-  }
-  if (room.empty()) room.resize(kFragmentRoom);
-  for (uint32_t next = 0; next < count;) {
-    target.fragments = room.data();
-    target.fragmentCapacity = room.size(), target.fragmentCount = 0;
-    const uint32_t stopped = raster(next, target);
-    fragments->insert(fragments->end(), target.fragments, target.fragments + target.fragmentCount);
-    if (stopped == next)
-      room.resize(2 * room.size());  // one face covers more samples than there was room for
-    next = stopped;
-  }
+/// RasterTarget::drain.
+void drainFragments(RasterTarget& target) {
+  auto& to = *static_cast<std::vector<Fragment>*>(target.drainTo);
+  to.insert(to.end(), target.fragments, target.fragments + target.fragmentCount);
+  target.fragmentCount = 0;
 }
 
 template <class IsUnseen>
@@ -90,7 +76,7 @@ void TileHider::consider(cache::NodeId node, TileView& view) {
   else if (view.samples.hides(b))
     ++statistics_.nodesCulledHidden;
   else
-    heap_.push_back({b.key, node}), std::push_heap(heap_.begin(), heap_.end());
+    addCandidate(node, b), std::push_heap(heap_.begin(), heap_.end());
 }
 
 void TileHider::hide(int tile, const PixelRect& rect, TileView& view, const SampleRound& round) {
@@ -101,33 +87,32 @@ void TileHider::hide(int tile, const PixelRect& rect, TileView& view, const Samp
   if (scene_.lines.hasPlanes()) view.samples.limit(scene_.pattern, scene_.lines, scene_.space.open());
   view.grids.clear(), view.ranks.clear(), view.fragments.clear();
   view.layers.clear(), view.firstLayer.clear();
-  heap_.clear();
+  heap_.clear(), bounds_.clear();
   solids_.begin();
   scene_.roots->forTile(tile, rect, [&](cache::NodeId node, const RasterBounds& b, uint32_t tree) {
     if (!b.overlaps(rect))
       ++statistics_.nodesCulledTile;
     else if (tree == cache::kNone)
-      heap_.push_back({b.key, node});
+      addCandidate(node, b);
     else
       solids_.addRoot(tree, node);
   });
   solids_.forTrees([&](uint32_t tree) {
     const RasterBounds b = scene_.space.bounds(scene_.solids->bound(tree));
-    if (!b.outside && b.overlaps(rect)) heap_.push_back({b.key, tree, true});
+    if (!b.outside && b.overlaps(rect)) heap_.push_back({b.key, tree, kSolid});
   });
   std::make_heap(heap_.begin(), heap_.end());
   while (!heap_.empty()) {
     std::pop_heap(heap_.begin(), heap_.end());
-    const cache::NodeId node = heap_.back().node;
-    const bool isSolid = heap_.back().isSolid;
+    const Candidate next = heap_.back();
+    const cache::NodeId node = next.node;
     heap_.pop_back();
-    if (isSolid) {
+    if (next.bounds == kSolid) {
       drawSolid(node, view);
       continue;
     }
     // What was drawn since the node was found may hide it.
-    const RasterBounds b = scene_.space.bounds(scene_.cache->node(node).bound);
-    if (view.samples.hides(b)) {
+    if (view.samples.hides(bounds_[next.bounds])) {
       ++statistics_.nodesCulledHidden;
       continue;
     }
@@ -265,6 +250,11 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
   std::vector<Fragment>& fragments = isSolid ? solids_.crossings() : view.fragments;
   std::vector<Fragment>* to = hides ? nullptr : &fragments;
   const size_t firstFragment = fragments.size();
+  if (to) {
+    if (room_.empty()) room_.resize(kFragmentRoom);
+    target.fragments = room_.data(), target.fragmentCapacity = room_.size();
+    target.drain = drainFragments, target.drainTo = to;
+  }
   const auto draw = [&](uint32_t drawnSlot, int cullSign) {
     if (blurred) {
       BlurFaces faces = g.blurred.faces(scene_.space, rect);
@@ -272,8 +262,8 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
       faces.faceCount = meshlet ? grid.nv : uint32_t(grid.nu) * grid.nv;
       faces.slot = drawnSlot, faces.cullSign = cullSign;
       const BlurSamples times = samples.blurSamples();
-      drawFaces(faces.faceCount, to, room_, target,
-                [&](uint32_t first, RasterTarget& t) { return drawBlurred_(faces, first, times, t); });
+      drawBlurred_(faces, times, target);
+      if (to) drainFragments(target);
       if (g.blurred.anyClipped)
         drawBlurredClipped(g.blurred, scene_.space, faces, times, target,
                            [&](uint32_t sample, uint32_t triangle, float key) {
@@ -290,8 +280,8 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
     triangles.triangleCount = meshlet ? grid.nv : 2u * grid.nu * grid.nv;
     triangles.slot = drawnSlot, triangles.cullSign = cullSign;
     const auto drawTriangles = [&](const RasterTriangles& t) {
-      drawFaces(t.triangleCount, to, room_, target,
-                [&](uint32_t first, RasterTarget& onto) { return rasterise_(t, first, onto); });
+      rasterise_(t, target);
+      if (to) drainFragments(target);
     };
     drawTriangles(triangles);
     if (g.projected.anyClipped)

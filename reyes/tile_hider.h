@@ -62,10 +62,14 @@ class TileHider {
  private:
   struct Candidate {
     float key;
-    cache::NodeId node;  // or, of solids, the tree
-    bool isSolid = false;
+    cache::NodeId node;   // or, of solids, the tree
+    uint32_t bounds = 0;  // index into bounds_; kSolid: a tree
     bool operator<(const Candidate& o) const { return key != o.key ? key > o.key : node > o.node; }
   };
+  void addCandidate(cache::NodeId node, const RasterBounds& b) {
+    heap_.push_back({b.key, node, uint32_t(bounds_.size())});
+    bounds_.push_back(b);
+  }
   void consider(cache::NodeId node, TileView& view);
   void drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view);
   void drawSolid(uint32_t tree, TileView& view);
@@ -76,7 +80,9 @@ class TileHider {
   const FrameScene& scene_;
   RasterFunction rasterise_;
   BlurFunction drawBlurred_;
+  static constexpr uint32_t kSolid = 0xffffffffu;
   std::vector<Candidate> heap_;
+  std::vector<RasterBounds> bounds_;
   std::vector<cache::NodeId> stack_;
   std::vector<Fragment> room_;
   TileSolids solids_;

@@ -149,7 +149,9 @@ Vec3 collapseMargin(const DiceRate& rate, const Box3f& box) {
       const float depth = glm::dot(box.corner(i) - rate.eye, rate.axis);
       least = std::min(least, depth), most = std::max(most, depth);
     }
-    distance *= std::max(rate.focusSide(least, least), rate.focusSide(most, most));
+    distance *= std::max({rate.motionSide, rate.focusSide(least, least), rate.focusSide(most, most)});
+  } else {
+    distance *= rate.motionSide;
   }
   // Along the axis of an orthographic camera micropolygons are longer.
   return (Vec3(1) + (1 / rate.alongAxis - 1) * glm::abs(rate.axis)) *
@@ -225,7 +227,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const float* shutter = skeleton.camera().shutter;
   const int keys = std::min<int>(object.keyCount, kMaxGridKeys);
   DiceRate rate = diceRate(eye, attributes, object.type, object.fixedRate);
-  rate.scale /= motionSideOf(skeleton, object);
+  rate.motionSide = motionSideOf(skeleton, object);
   if (isPolygon(object)) {
     const auto* source = sourceRecord<PolygonSource>(skeleton, object);
     if (source && source->undicedEdge >= 1 && source->undicedEdge <= kMostUndicedEdge)

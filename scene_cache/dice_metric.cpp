@@ -103,13 +103,15 @@ float DiceRate::segment(Vec3 a, Vec3 b) const {
   Vec3 d = b - a;
   if (alongAxis < 1) d -= axis * ((1 - alongAxis) * glm::dot(axis, d));
   const float square = glm::dot(d, d);
-  if (!perspective) return std::sqrt(square) * scale * cylinderWeight(a - eye, b - eye);
+  if (!perspective) return std::sqrt(square) * scale * cylinderWeight(a - eye, b - eye) / motionSide;
   const Vec3 e = eye - a;
   const float t = square > 0 ? std::clamp(glm::dot(e, d) / square, 0.0f, 1.0f) : 0.0f;
   const Vec3 nearest = e - d * t;
   const float distance = std::max(glm::dot(nearest, nearest), nearSquared);
   const float length = std::sqrt(square / distance) * scale * viewWeight(a - eye, b - eye);
-  return focus > 0 ? length / focusSide(glm::dot(a - eye, axis), glm::dot(b - eye, axis)) : length;
+  // Blur by motion and by the lens: the stronger one hides the other's detail too.
+  const float focusBlur = focus > 0 ? focusSide(glm::dot(a - eye, axis), glm::dot(b - eye, axis)) : 1.0f;
+  return length / std::max(motionSide, focusBlur);
 }
 
 float DiceRate::focusSide(float depthA, float depthB) const {
@@ -128,6 +130,7 @@ float motionSide(const glm::dvec2 (&open)[8], const glm::dvec2 (&close)[8], floa
   // does.
   double least = 1e30;
   for (int i = 0; i < 8; ++i) least = std::min(least, glm::dot(close[i] - open[i], mean) / length);
+  if (!(least > 0)) return 1;  // some of it may stand still
   return std::clamp(std::sqrt(factor * float(least) / kSharpPixels), 1.0f, kMostBlurSide);
 }
 

@@ -50,37 +50,4 @@ SolidForest::SolidForest(const Skeleton& skeleton) {
   }
 }
 
-bool SolidState::holds(SolidId block) const {
-  const SolidForest::Block& b = blocks_[block];
-  switch (b.operation) {
-    case SolidOperation::kPrimitive:
-    case SolidOperation::kUnion:
-      return inside_[block] != 0;
-    case SolidOperation::kIntersection:
-      return inside_[block] == b.parts && b.parts != 0;
-    case SolidOperation::kDifference:
-      return inside_[block] == 1;
-  }
-  return false;
-}
-
-bool SolidState::toggle(SolidId leaf) {
-  inside_[leaf] ^= 1;
-  bool entered = inside_[leaf] != 0;
-  for (SolidId block = leaf; blocks_[block].parent != kNone;) {
-    const SolidId parent = blocks_[block].parent;
-    const bool before = holds(parent);
-    if (blocks_[parent].operation != SolidOperation::kDifference)
-      inside_[parent] += entered ? 1u : ~0u;
-    else if (blocks_[block].isFirst)
-      inside_[parent] ^= 1u;
-    else
-      inside_[parent] += entered ? 2u : ~1u;
-    entered = holds(parent);
-    if (entered == before) return false;
-    block = parent;
-  }
-  return true;
-}
-
 }  // namespace fr::cache

@@ -53,10 +53,39 @@ class SolidState {
   }
   /// Enters or leaves a leaf. True when the value of its tree changes. Costs a step for each block around the
   /// leaf whose value changes.
-  bool toggle(SolidId leaf);
+  bool toggle(SolidId leaf) {
+    inside_[leaf] ^= 1;
+    bool entered = inside_[leaf] != 0;
+    for (SolidId block = leaf; blocks_[block].parent != kNone;) {
+      const SolidId parent = blocks_[block].parent;
+      const bool before = holds(parent);
+      if (blocks_[parent].operation != SolidOperation::kDifference)
+        inside_[parent] += entered ? 1u : ~0u;
+      else if (blocks_[block].isFirst)
+        inside_[parent] ^= 1u;
+      else
+        inside_[parent] += entered ? 2u : ~1u;
+      entered = holds(parent);
+      if (entered == before) return false;
+      block = parent;
+    }
+    return true;
+  }
 
  private:
-  bool holds(SolidId block) const;
+  bool holds(SolidId block) const {
+    const SolidForest::Block& b = blocks_[block];
+    switch (b.operation) {
+      case SolidOperation::kPrimitive:
+      case SolidOperation::kUnion:
+        return inside_[block] != 0;
+      case SolidOperation::kIntersection:
+        return inside_[block] == b.parts && b.parts != 0;
+      case SolidOperation::kDifference:
+        return inside_[block] == 1;
+    }
+    return false;
+  }
 
   const std::vector<SolidForest::Block>& blocks_;
   // Leaves: 0 or 1. Unions and intersections: parts that the point is inside of. Differences: twice that
@@ -89,8 +118,17 @@ void forEachSurface(std::span<SolidCrossing> line, SolidState& state, float rela
   std::sort(line.begin(), line.end(), [&](const SolidCrossing& a, const SolidCrossing& b) {
     return a.distance != b.distance ? a.distance < b.distance : before(a, b);
   });
-  // An odd number of crossings: the line starts inside that leaf.
-  for (const SolidCrossing& c : line) (void)state.toggle(c.leaf);
+  // An odd number of crossings: the line starts inside that leaf. Nearly always there is none such, which the
+  // crossings of each leaf tell, counted modulo 2 in one number as long as leaves have numbers close
+  // together.
+  uint64_t odd = 0;
+  SolidId lowest = kNone, highest = 0;
+  for (const SolidCrossing& c : line) {
+    lowest = std::min(lowest, c.leaf), highest = std::max(highest, c.leaf);
+    odd ^= uint64_t(1) << (c.leaf & 63);
+  }
+  if (odd != 0 || (!line.empty() && highest - lowest >= 64))
+    for (const SolidCrossing& c : line) (void)state.toggle(c.leaf);
   bool goOn = true;
   for (size_t first = 0, end; first < line.size(); first = end) {
     const float reach = line[first].distance + relative * std::abs(line[first].distance) + absolute;
