@@ -199,8 +199,8 @@ class SceneCache {
   /// Who is to look after every few megabytes of new grids; nullptr: nobody. Must outlive all dicing.
   void setPager(shm::Pager* pager);
 
-  /// False: no ray will meet what is diced from now on, so how far grids deviate from what they stand for is not
-  /// measured (GridRecord::deviation stays 0). Nobody may trace or save such grids.
+  /// False: no ray will meet what is diced from now on, so how far grids deviate from what they stand for is
+  /// not measured (GridRecord::deviation stays 0). Nobody may trace or save such grids.
   void setMeetsRays(bool meets);
 
   const Skeleton& skeleton() const { return skeleton_; }

@@ -54,7 +54,7 @@ struct DiceRate {
   // long.
   float focus = 0, sharpest = 0;
   float motionSide = 1;  // what moves may have segments so many times as long
-  float flatness = 0;  // micropolygons between a curve and its chords; 0: any
+  float flatness = 0;    // micropolygons between a curve and its chords; 0: any
   /// Quadrics close on themselves: with fewer segments a distant sphere would have no area at all.
   int leastLog2 = 0;
 

@@ -165,7 +165,7 @@ struct AttributeRecord {
   uint32_t groups;       // StringId of grouping:membership
   uint32_t areaLight;    // 1 + ShaderId of the light that this geometry belongs to (AreaLightSource), 0: none
   uint32_t deformation;  // 1 + ShaderId, 0: none
-  float flatness;     // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
+  float flatness;  // GeometricApproximation "flatness": pixels between curves and their chords; 0: not set
   // GeometricApproximation "motionfactor", "focusfactor": how much coarser blur may make grids; 0: not at all
   float motionFactor, focusFactor;
   float thinning[2];  // of a representation in transition (DetailRange): only samples and rays whose chance

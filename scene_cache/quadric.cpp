@@ -21,9 +21,9 @@ void sphereLatitudes(const Quadric& q, double& lo, double& hi) {
 void sinCosDegrees(double degrees, double& s, double& c) {
   // Exact, [-180, 180]; without std::remainder() where one subtraction does the same.
   const double size = std::abs(degrees);
-  const double turn = size < 180.0   ? degrees
+  const double turn = size < 180.0                   ? degrees
                       : size < 540.0 && size > 180.0 ? degrees - std::copysign(360.0, degrees)
-                                     : std::remainder(degrees, 360.0);
+                                                     : std::remainder(degrees, 360.0);
   const double quarter = std::nearbyint(turn / 90.0);
   const double rest = (turn - quarter * 90.0) * kDegree;
   double rs, rc;

@@ -421,8 +421,7 @@ void Surface::normals(size_t n, const float* u, const float* v, float* const N[3
     if (!(square > limit) || glm::dot(du, du) < rounding || glm::dot(dv, dv) < rounding) {
       const float un = u[k] + (u[k] < 0.5f ? kNudge : -kNudge), vn = v[k] + (v[k] < 0.5f ? kNudge : -kNudge);
       for (int attempt = 0; attempt < 3 && (attempt == 0 || !(square > 0)); ++attempt) {
-        derivativesAt(attempt == 1 ? u[k] : un, attempt == 0 ? u[k] == un ? v[k] : vn : vn, memo, p, du,
-                      dv);
+        derivativesAt(attempt == 1 ? u[k] : un, attempt == 0 ? u[k] == un ? v[k] : vn : vn, memo, p, du, dv);
         normal = glm::cross(DVec3(du), DVec3(dv));
         square = glm::dot(normal, normal);
       }
