@@ -78,7 +78,12 @@ class Server {
 
   Result<void> run() {
     Result<void> r = talk();
-    if (!r && parent_.alive()) (void)sendMessage(parent_, MessageType::kRefused, {}, r.error().message);
+    if (!r) {
+      if (parent_.alive())
+        (void)sendMessage(parent_, MessageType::kRefused, {}, r.error().message);
+      else
+        r = {};  // the client is gone, in the middle of something: that is no fault to be reported
+    }
     stop();
     return r;
   }

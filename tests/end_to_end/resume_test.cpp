@@ -54,6 +54,32 @@ Picture undisturbed() {
   return readExr(f.picture);
 }
 
+TEST(Progressive, ShowsTheWholeFrameEarlyAndEndsWithThePicture) {
+  const Picture whole = undisturbed();
+  Frame f;
+  Picture early;
+  const Outcome o = run("frankenrender", {"--progressive", "--inproc", "--quiet", "--threads", "1", "s.rib"},
+                        f.w.path(), [&](int) {
+                          for (int i = 0; i < 20000 && early.channels.empty(); ++i) {
+                            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                            // Pictures get their names when they are complete.
+                            if (fs::exists(f.picture)) early = readExr(f.picture);
+                          }
+                        });
+  EXPECT_EQ(o.exitCode, 0) << o.err;
+  ASSERT_FALSE(early.channels.empty());
+  EXPECT_FALSE(early == whole);
+  // The ball is there, as a whole: its middle, its corners.
+  EXPECT_EQ(early.at("A", 80, 60), 1);
+  EXPECT_GT(early.at("A", 80, 8), 0.9f);
+  EXPECT_GT(early.at("A", 80, 112), 0.9f);
+  EXPECT_EQ(early.at("A", 2, 2), 0);
+  EXPECT_EQ(readExr(f.picture), whole);
+  // What can be read once is rendered once.
+  const Outcome piped = run("frankenrender", {"--progressive", "--inproc", "/dev/null"}, f.w.path());
+  EXPECT_NE(piped.err.find("rendered in one pass"), std::string::npos) << piped.err;
+}
+
 TEST(Resume, AKilledFrameGoesOnWhereItWas) {
   const Picture whole = undisturbed();
   Frame f;

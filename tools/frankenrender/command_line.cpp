@@ -118,6 +118,10 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
       "--resume", c.resume,
       "Keep finished buckets beside the picture (FILE.unfinished) and go on where a run with --resume was "
       "stopped or killed; scene, shaders and textures must be the same");
+  app.add_flag(
+      "--progressive", c.progressive,
+      "Write a coarse picture of the whole frame first, then a better one, then the picture. The last "
+      "is what\nthere would be without this");
   app.add_flag("--stats", c.stats, "Print statistics at the end");
   app.add_flag("--quiet", c.quiet, "Print errors only");
   app.add_option("scenes", common, "RIB files, or one .fsc")->type_name("SCENE...");

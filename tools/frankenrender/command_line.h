@@ -25,6 +25,7 @@ struct CommandLine {
   bool stats = false;
   bool resume = false;
   bool deterministic = false;
+  bool progressive = false;
   bool quiet = false;
   std::string shaderPath;  // colon-separated, searched first
 };

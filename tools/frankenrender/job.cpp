@@ -135,15 +135,35 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
 
 bool isCacheFile(const std::string& path) { return std::filesystem::path(path).extension() == ".fsc"; }
 
-}  // namespace
+/// --progressive: the passes before the last, each at most a tenth of the work of the next.
+struct CoarsePass {
+  float shadingRate;
+  double pixelSamples;
+};
+constexpr CoarsePass kCoarsePasses[] = {{64, 1}, {8, 2}};
 
-int runJob(const CommandLine& c) {
-  if (c.deterministic) beDeterministic();
-  setLogLevel(c.quiet ? Severity::kError : Severity::kInfo);
-  const int threads = c.threads > 0 ? c.threads : availableCores();
-  const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
+/// The job of a coarse pass. What the last pass says is not said before.
+CommandLine coarsePass(const CommandLine& c, const CoarsePass& pass) {
+  CommandLine coarse = c;
+  cache::FrameOverrides& o = coarse.load.overrides;
+  o.shadingRate = std::max(pass.shadingRate, o.shadingRate.value_or(0));
+  const auto samples = o.pixelSamples.value_or(std::array{pass.pixelSamples, pass.pixelSamples});
+  o.pixelSamples = {std::min(samples[0], pass.pixelSamples), std::min(samples[1], pass.pixelSamples)};
+  coarse.adaptive.reset();
+  coarse.tellError = coarse.stats = coarse.resume = coarse.progressive = false;
+  return coarse;
+}
 
-  const ScratchPlace scratch(c.memory);
+/// Whether the scene can be read several times, and diced differently each time.
+bool canBeRefined(const CommandLine& c) {
+  return std::all_of(c.inputs.begin(), c.inputs.end(), [](const cache::RibInput& i) {
+    std::error_code none;
+    return !isCacheFile(i.path) && std::filesystem::is_regular_file(i.path, none);
+  });
+}
+
+/// Renders all frames. Returns whether all was well.
+bool renderFrames(const CommandLine& c, const std::string& scratch) {
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
@@ -165,19 +185,14 @@ int runJob(const CommandLine& c) {
   };
 
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path)) {
-    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch.folder()), nullptr);
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch), nullptr);
   } else {
-    for (const cache::RibInput& input : c.inputs) {
-      if (!isCacheFile(input.path)) continue;
-      report(makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path));
-      return 2;
-    }
     cache::LoadOptions load = c.load;
-    load.scratch = scratch.folder();
+    load.scratch = scratch;
     load.makeTexture = makeRequestedTexture;
     load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
-      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch.folder()), &frame.counts());
+      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch), &frame.counts());
       return !abortRequested();
     });
     if (!loaded.ok()) {
@@ -188,8 +203,33 @@ int runJob(const CommandLine& c) {
       failed = true;
     }
   }
+  return !failed;
+}
+
+}  // namespace
+
+int runJob(const CommandLine& c) {
+  if (c.deterministic) beDeterministic();
+  setLogLevel(c.quiet ? Severity::kError : Severity::kInfo);
+  const int threads = c.threads > 0 ? c.threads : availableCores();
+  const tbb::global_control control(tbb::global_control::max_allowed_parallelism, size_t(threads));
+  if (c.inputs.size() > 1)
+    for (const cache::RibInput& input : c.inputs) {
+      if (!isCacheFile(input.path)) continue;
+      report(makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path));
+      return 2;
+    }
+  const ScratchPlace scratch(c.memory);
+  bool good = true;
+  if (c.progressive && !canBeRefined(c))
+    reportWarning(RiError::kNone,
+                  "--progressive needs RIB files that can be read more than once: rendered in one pass");
+  else if (c.progressive)
+    for (const CoarsePass& pass : kCoarsePasses)
+      if (good && !abortRequested()) good = renderFrames(coarsePass(c, pass), scratch.folder());
+  if (good && !abortRequested()) good = renderFrames(c, scratch.folder());
   if (interrupted()) return 130;  // as shells have it for Ctrl-C
-  return failed || reportCount(Severity::kError) > 0 ? 1 : 0;
+  return !good || reportCount(Severity::kError) > 0 ? 1 : 0;
 }
 
 }  // namespace fr::tools
