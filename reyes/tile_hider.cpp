@@ -35,6 +35,14 @@ Vec2 patchParameters(const TileGrid& g, const TileView& view, const ShutterSpace
 /// Fragments that are gathered before they go to their list.
 constexpr size_t kFragmentRoom = 4096;
 
+/// Kernels have room for no more than dicers make; grids also come from files.
+bool hasKernelSize(const cache::GridRecord& g) {
+  const bool meshlet = g.kind == cache::GridKind::kMeshlet;
+  const uint32_t vertices = meshlet ? g.nu : (g.nu + 1u) * (g.nv + 1u);
+  const uint32_t triangles = meshlet ? g.nv : 2u * g.nu * g.nv;
+  return vertices <= kMostBlurVertices && triangles <= kTriangleMask + 1;
+}
+
 /// RasterTarget::drain.
 void drainFragments(RasterTarget& target) {
   auto& to = *static_cast<std::vector<Fragment>*>(target.drainTo);
@@ -167,6 +175,10 @@ void TileHider::drawSolid(uint32_t tree, TileView& view) {
 void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, TileView& view) {
   const PixelRect& rect = view.samples.rect();
   if (grid.flags & cache::kGridAbsent) return;
+  if (!hasKernelSize(grid)) {
+    ++statistics_.nodesLost;
+    return;
+  }
   const cache::ObjectRecord& object = scene_.cache->objectOf(node);
   const cache::SolidId solid = cache::solidOf(object);
   const bool isSolid = solid != cache::kNone;

@@ -71,8 +71,8 @@ TEST(Progressive, ShowsTheWholeFrameEarlyAndEndsWithThePicture) {
   EXPECT_FALSE(early == whole);
   // The ball is there, as a whole: its middle, its corners.
   EXPECT_EQ(early.at("A", 80, 60), 1);
-  EXPECT_GT(early.at("A", 80, 8), 0.9f);
-  EXPECT_GT(early.at("A", 80, 112), 0.9f);
+  EXPECT_GT(early.at("A", 80, 18), 0.9f);
+  EXPECT_GT(early.at("A", 80, 102), 0.9f);
   EXPECT_EQ(early.at("A", 2, 2), 0);
   EXPECT_EQ(readExr(f.picture), whole);
   // What can be read once is rendered once.
