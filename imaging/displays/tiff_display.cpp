@@ -23,19 +23,31 @@ struct TiffImage {
   size_t rowBytes = 0;
   std::vector<char> row;
   std::string complaint;
+  std::string failure() const { return complaint.empty() ? "libtiff failed" : complaint; }
   ~TiffImage() {
     if (file) TIFFClose(file);
   }
 };
 
-/// libtiff's handlers are the process's, so each message is kept for the call that caused it.
-thread_local std::string lastComplaint;
-void keepComplaint(const char* module, const char* format, va_list values) {
+/// Keeps what libtiff complains about for the call that caused it.
+int keepComplaint(TIFF*, void* image, const char* module, const char* format, va_list values) {
   char text[512];
   std::vsnprintf(text, sizeof text, format, values);
-  lastComplaint = module ? std::string(module) + ": " + text : text;
+  static_cast<TiffImage*>(image)->complaint = module ? std::string(module) + ": " + text : text;
+  return 1;  // nobody else is told
 }
-std::string complaint() { return lastComplaint.empty() ? "libtiff failed" : lastComplaint; }
+int ignoreWarning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
+
+/// As TIFFOpen(), with handlers of the file's own: the process's belong to whoever else uses libtiff.
+TIFF* openFile(const char* path, const char* mode, TiffImage& image) {
+  TIFFOpenOptions* const options = TIFFOpenOptionsAlloc();
+  if (!options) return nullptr;
+  TIFFOpenOptionsSetErrorHandlerExtR(options, keepComplaint, &image);
+  TIFFOpenOptionsSetWarningHandlerExtR(options, ignoreWarning, nullptr);
+  TIFF* const file = TIFFOpenExt(path, mode, options);
+  TIFFOpenOptionsFree(options);
+  return file;
+}
 
 uint16_t compressionNamed(const std::string& name) {
   if (name == "none") return COMPRESSION_NONE;
@@ -102,17 +114,14 @@ void setMetadata(const FrDisplayImage& image, TIFF* file) {
 
 int openTiff(const FrDisplayImage* image, void** handle, char* message, size_t size) {
   return fr::display::guarded(message, size, [&]() -> std::string {
-    TIFFSetErrorHandler(keepComplaint);
-    TIFFSetWarningHandler(nullptr);
-    lastComplaint.clear();
     const int bytes = image->format == FR_DISPLAY_U8 ? 1 : image->format == FR_DISPLAY_U16 ? 2 : 4;
     auto tiff = std::make_unique<TiffImage>();
     tiff->height = image->height;
     tiff->rowBytes = size_t(image->width) * size_t(image->channelCount) * size_t(bytes);
     // Files beyond 4 GB need 64-bit offsets.
     const bool isBig = double(tiff->rowBytes) * image->height > 3.9e9;
-    tiff->file = TIFFOpen(image->path, isBig ? "w8" : "w");
-    if (!tiff->file) return complaint();
+    tiff->file = openFile(image->path, isBig ? "w8" : "w", *tiff);
+    if (!tiff->file) return tiff->failure();
     TIFFSetField(tiff->file, TIFFTAG_IMAGEWIDTH, image->width);
     TIFFSetField(tiff->file, TIFFTAG_IMAGELENGTH, image->height);
     TIFFSetField(tiff->file, TIFFTAG_ORIENTATION, ORIENTATION_TOPLEFT);
@@ -130,12 +139,11 @@ int writeTiff(void* handle, int, int y, int, int height, const void* pixels, siz
               size_t size) {
   return fr::display::guarded(message, size, [&]() -> std::string {
     TiffImage& tiff = *static_cast<TiffImage*>(handle);
-    lastComplaint.clear();
     for (int row = 0; row < height; ++row) {
       // A copy: libtiff turns rows into differences in place.
       const char* from = static_cast<const char*>(pixels) + size_t(row) * rowBytes;
       tiff.row.assign(from, from + tiff.rowBytes);
-      if (TIFFWriteScanline(tiff.file, tiff.row.data(), uint32_t(y + row), 0) < 0) return complaint();
+      if (TIFFWriteScanline(tiff.file, tiff.row.data(), uint32_t(y + row), 0) < 0) return tiff.failure();
     }
     tiff.rowsWritten += height;
     return "";
@@ -145,8 +153,7 @@ int writeTiff(void* handle, int, int y, int, int height, const void* pixels, siz
 int closeTiff(void* handle, int discard, char* message, size_t size) {
   return fr::display::guarded(message, size, [&]() -> std::string {
     const std::unique_ptr<TiffImage> tiff(static_cast<TiffImage*>(handle));
-    lastComplaint.clear();
-    if (!TIFFFlush(tiff->file) && !discard) return complaint();
+    if (!TIFFFlush(tiff->file) && !discard) return tiff->failure();
     return tiff->rowsWritten == tiff->height || discard ? "" : "not all rows were written";
   });
 }
