@@ -101,18 +101,18 @@ namespace {
 /// them.
 Box3f sampledBound(const Surface& s, const NodeRect& n) {
   constexpr int kSide = 9;
-  float u[kSide], v[kSide], x[kSide * kSide], y[kSide * kSide], z[kSide * kSide];
+  float u[kSide], v[kSide], xyz[kSide * kSide * 3];
   for (int i = 0; i < kSide; ++i) {
     u[i] = float((double(n.iu) + i / 8.0) * std::ldexp(1.0, -n.du));
     v[i] = float((double(n.iv) + i / 8.0) * std::ldexp(1.0, -n.dv));
   }
   Box3f box;
-  for (int j = 0; j < kSide; ++j) {
-    float* const P[3] = {x + j * kSide, y + j * kSide, z + j * kSide};
-    s.row(v[j], kSide, u, P);
-  }
+  s.grid(kSide - 1, u, kSide - 1, v, xyz, kSide);
   Vec3 bend[2] = {Vec3(0), Vec3(0)};
-  const auto at = [&](int i, int j) { return Vec3(x[j * kSide + i], y[j * kSide + i], z[j * kSide + i]); };
+  const auto at = [&](int i, int j) {
+    const float* p = xyz + 3 * (j * kSide + i);
+    return Vec3(p[0], p[1], p[2]);
+  };
   for (int j = 0; j < kSide; ++j) {
     for (int i = 0; i < kSide; ++i) {
       const Vec3 p = at(i, j);

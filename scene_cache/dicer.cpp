@@ -202,16 +202,26 @@ DicePlan planNode(const Surface& surface, const RootBorders& borders, const Dice
     u[i] = dyadic(uint64_t(n.iu) * kMetricSteps + unsigned(i), n.du + 3);
     v[i] = dyadic(uint64_t(n.iv) * kMetricSteps + unsigned(i), n.dv + 3);
   }
-  for (int j = 0; j < kSide; ++j) {
-    float* const P[3] = {x + j * kSide, y + j * kSide, z + j * kSide};
-    surface.row(v[j], kSide, u, P);
-  }
+  float xyz[kSide * kSide * 3];
+  surface.grid(kMetricSteps, u, kMetricSteps, v, xyz, kSide);
+  for (int k = 0; k < kSide * kSide; ++k) x[k] = xyz[3 * k], y[k] = xyz[3 * k + 1], z[k] = xyz[3 * k + 2];
   float metricU = 0, metricV = 0;
   for (int k = 0; k < kSide; ++k) {
     metricU = std::max(metricU, rate.curve(x + k * kSide, y + k * kSide, z + k * kSide));
     metricV = std::max(metricV, rate.curve(x + k, y + k, z + k, kSide));
   }
   int log2u = rate.log2Segments(metricU), log2v = rate.log2Segments(metricV);
+  const bool canU = n.du < kMaxSplitDepth, canV = n.dv < kMaxSplitDepth;
+  DicePlan plan;
+  // Where the larger metric asks for a split, borders make no difference.
+  if (log2u > kMaxGridLog2 && canU && metricU >= metricV) {
+    plan.kind = DicePlan::Kind::kSplitU;
+    return plan;
+  }
+  if (log2v > kMaxGridLog2 && canV && metricV > metricU) {
+    plan.kind = DicePlan::Kind::kSplitV;
+    return plan;
+  }
   int spacing[4];
   for (int e = 0; e < 4; ++e) {
     const BorderLine b = borderLine(surface, borders, n, e);
@@ -219,8 +229,6 @@ DicePlan planNode(const Surface& surface, const RootBorders& borders, const Dice
     int& log2 = b.alongU ? log2u : log2v;
     log2 = std::max(log2, spacing[e] - (b.alongU ? n.du : n.dv));
   }
-  DicePlan plan;
-  const bool canU = n.du < kMaxSplitDepth, canV = n.dv < kMaxSplitDepth;
   const bool wantU = log2u > kMaxGridLog2 && canU, wantV = log2v > kMaxGridLog2 && canV;
   if (wantU || wantV) {
     plan.kind = wantU && (!wantV || metricU >= metricV) ? DicePlan::Kind::kSplitU : DicePlan::Kind::kSplitV;
