@@ -90,6 +90,36 @@ uint32_t rowsThatFit(uint32_t columns) {
                   uint32_t(kMaxMeshletTriangles) / (2 * columns));
 }
 
+/// Pieces of curves are about so many micropolygons long.
+constexpr float kLongPiece = 64;
+/// Fewer vertices than these are not worth a meshlet of their own, however far they stand apart.
+constexpr uint32_t kFewVertices = 40;
+
+/// A box around curves of this radius, and what rounding may move them.
+Box3f thickened(Box3f box, float radius) {
+  box.grow(radius);
+  const Vec3 size = glm::max(glm::abs(box.min), glm::abs(box.max));
+  box.grow(4e-7f * std::max({size.x, size.y, size.z}));
+  return box;
+}
+
+/// Extends a box by the part [from, to] of a segment: by its end points, or the control points of the part.
+void extendByPart(const Vec3 b[4], bool cubic, float from, float to, Box3f& box) {
+  if (!cubic) {
+    box.extend(b[0] + from * (b[1] - b[0]));
+    box.extend(b[0] + to * (b[1] - b[0]));
+    return;
+  }
+  // The blossom of the curve.
+  const auto blossom = [&](float r, float s, float t) {
+    const auto between = [](const Vec3& x, const Vec3& y, float at) { return x + at * (y - x); };
+    const Vec3 p0 = between(b[0], b[1], r), p1 = between(b[1], b[2], r), p2 = between(b[2], b[3], r);
+    return between(between(p0, p1, s), between(p1, p2, s), t);
+  };
+  box.extend(blossom(from, from, from)), box.extend(blossom(from, from, to));
+  box.extend(blossom(from, to, to)), box.extend(blossom(to, to, to));
+}
+
 }  // namespace
 
 Result<void> addPoints(Adding& a) {
@@ -226,11 +256,25 @@ Result<void> addCurves(Adding& a) {
     return isVertex && c.cubic ? w * 1.5f : w;
   };
 
+  // Control points of a segment: four of a Bezier curve, or two.
+  const uint32_t controls = c.cubic ? 4 : 2;
+  const auto segmentAt = [&](const CurveRecord& r, uint32_t segment, size_t t, Vec3 b[4]) {
+    for (uint32_t k = 0; k < controls; ++k) b[k] = pointAt(a, keys, t, curveVertex(s, r, segment, k));
+    if (!c.cubic) return;
+    const Vec3 g[4] = {b[0], b[1], b[2], b[3]};
+    for (int k = 0; k < 4; ++k) {
+      DVec3 sum(0);
+      for (int j = 0; j < 4; ++j) sum += conversion.m[k][j] * DVec3(g[j]);
+      b[k] = Vec3(sum / conversion.denominator);
+    }
+  };
+
   const Rated rated = ratedFor(a);
   struct Planned {
     uint64_t code = 0;
     uint32_t curve = 0;
     Box3f bound;
+    float radius = 0, length = 0;  // length: micropolygons
     uint16_t steps = 1;
     uint32_t columns = 1;
   };
@@ -249,25 +293,15 @@ Result<void> addCurves(Adding& a) {
     for (size_t t = 0; t < a.toCache.size() && finite; ++t) {
       for (uint32_t segment = 0; segment < r.segments && finite; ++segment) {
         Vec3 b[4];
-        const uint32_t n = c.cubic ? 4 : 2;
-        for (uint32_t k = 0; k < n; ++k) {
-          b[k] = pointAt(a, keys, t, curveVertex(s, r, segment, k));
-          finite = finite && isFinite(b[k]);
-        }
-        if (c.cubic) {
-          Vec3 g[4] = {b[0], b[1], b[2], b[3]};
-          for (int k = 0; k < 4; ++k) {
-            DVec3 sum(0);
-            for (int j = 0; j < 4; ++j) sum += conversion.m[k][j] * DVec3(g[j]);
-            b[k] = Vec3(sum / conversion.denominator);
-          }
-        }
-        for (uint32_t k = 0; k < n; ++k) p.bound.extend(b[k]);
+        const uint32_t n = controls;
+        segmentAt(r, segment, t, b);
+        for (uint32_t k = 0; k < n; ++k) p.bound.extend(b[k]), finite = finite && isFinite(b[k]);
         if (t > 0) continue;
         across = std::max(across, rated.rate.segment(b[0], b[0] + Vec3(2 * radius, 0, 0)));
         across = std::max(across, rated.rate.segment(b[n - 1], b[n - 1] + Vec3(2 * radius, 0, 0)));
         float length = 0, bend = 0;
         for (uint32_t k = 0; k + 1 < n; ++k) length += rated.rate.segment(b[k], b[k + 1]);
+        p.length += length;
         for (uint32_t k = 1; k + 1 < n; ++k)
           bend = std::max(bend, rated.rate.segment(b[k], b[k] + (b[k - 1] - 2.0f * b[k] + b[k + 1])));
         // A cubic's chord is off by at most 6 / 8 of the second difference of its control points, over n^2.
@@ -283,9 +317,8 @@ Result<void> addCurves(Adding& a) {
       continue;
     }
     if (radius == 0) continue;
-    p.bound.grow(radius);
-    const Vec3 size = glm::max(glm::abs(p.bound.min), glm::abs(p.bound.max));
-    p.bound.grow(4e-7f * std::max({size.x, size.y, size.z}));
+    p.radius = radius;
+    p.bound = thickened(p.bound, radius);
     p.steps = uint16_t(std::clamp(std::ceil(steps), 1.0f, kMostSteps));
     p.columns = uint32_t(std::clamp(std::ceil(across), 1.0f, float(kMostColumns)));
     all.extend(p.bound);
@@ -303,6 +336,25 @@ Result<void> addCurves(Adding& a) {
     return std::pair(x.code, x.curve) < std::pair(y.code, y.curve);
   });
 
+  // Box of a piece: around the control points of each part of a segment that it shows.
+  const auto boundOf = [&](const Planned& p, const CurvePiece& piece) {
+    const CurveRecord& r = curves[p.curve];
+    const uint32_t end = piece.firstRow + piece.rows;
+    Box3f box;
+    for (uint32_t segment = piece.firstRow / p.steps; segment * p.steps < end; ++segment) {
+      const auto at = [&](uint32_t row) {
+        const uint32_t from = segment * p.steps;
+        return row <= from ? 0.0f : std::min(1.0f, float(row - from) / float(p.steps));
+      };
+      for (size_t t = 0; t < a.toCache.size(); ++t) {
+        Vec3 b[4];
+        segmentAt(r, segment, t, b);
+        extendByPart(b, c.cubic, at(piece.firstRow), at(end), box);
+      }
+    }
+    return thickened(box, p.radius);
+  };
+
   std::vector<CurvePiece> pieces;
   std::vector<CurveCluster> clusters;
   std::vector<Box3f> bounds;
@@ -310,6 +362,10 @@ Result<void> addCurves(Adding& a) {
     const uint32_t strips = (p.columns + 14) / 15;
     const uint64_t rows = uint64_t(curves[p.curve].segments) * p.steps;
     if (rows >= uint64_t(1) << 31) return a.error(RiError::kLimit, "a curve of too many segments");
+    // Long curves are cut: whoever looks for what may be seen in some place should not find all of them.
+    const auto parts =
+        uint64_t(std::clamp(double(p.length / kLongPiece), 1.0, std::max(1.0, double(rows) / 8)));
+    const auto mostRows = uint32_t((rows + parts - 1) / parts);
     for (uint32_t strip = 0; strip < strips; ++strip) {
       const uint32_t firstColumn = strip * p.columns / strips,
                      columns = (strip + 1) * p.columns / strips - firstColumn;
@@ -319,10 +375,20 @@ Result<void> addCurves(Adding& a) {
         piece.firstRow = uint32_t(row);
         piece.columns = uint16_t(columns), piece.firstColumn = uint16_t(firstColumn);
         piece.allColumns = uint16_t(p.columns);
-        piece.rows = uint16_t(std::min<uint64_t>(rows - row, rowsThatFit(columns)));
+        piece.rows = uint16_t(std::min<uint64_t>(rows - row, std::min(mostRows, rowsThatFit(columns))));
+        const Box3f bound = boundOf(p, piece);
         const uint32_t vertices = (piece.rows + 1u) * (columns + 1), triangles = 2u * piece.rows * columns;
-        if (clusters.empty() || clusters.back().vertexCount + vertices > uint32_t(kMaxMeshletVertices) ||
-            clusters.back().triangleCount + triangles > uint32_t(kMaxMeshletTriangles)) {
+        const auto isFull = [&] {
+          const CurveCluster& last = clusters.back();
+          if (last.vertexCount + vertices > uint32_t(kMaxMeshletVertices) ||
+              last.triangleCount + triangles > uint32_t(kMaxMeshletTriangles))
+            return true;
+          if (last.vertexCount < kFewVertices) return false;
+          Box3f both = bounds.back();
+          both.extend(bound);
+          return rated.rate.segment(both.min, both.max) > 1.5f * kLongPiece;
+        };
+        if (clusters.empty() || isFull()) {
           clusters.push_back({pieces.size(), 0, 0, 0});
           bounds.emplace_back();
         }
@@ -331,7 +397,7 @@ Result<void> addCurves(Adding& a) {
         cluster.vertexCount = uint16_t(cluster.vertexCount + vertices);
         cluster.triangleCount = uint16_t(cluster.triangleCount + triangles);
         ++cluster.pieceCount;
-        bounds.back().extend(p.bound);
+        bounds.back().extend(bound);
         pieces.push_back(piece);
         row += piece.rows;
       }
