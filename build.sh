@@ -44,7 +44,7 @@ build() {
 case "${1:-}" in
   packages) install_packages ;;
   example)
-    build --target frankenrender rendrib scenecache slc slctell mkmip fr_display_exr fr_display_oiio fr_textures
+    build --target frankenrender rendrib scenecache slc slctell mkmip fr_display_exr fr_display_tiff fr_display_png fr_display_oiio fr_textures
     "$BUILD_DIR/bin/frankenrender" --shm --stats examples/teapots/teapots.rib
     echo "Look at teapots.png (and teapots.exr, the same picture in floating point)."
     ;;
