@@ -1,5 +1,5 @@
-// What a patch_multiplier costs and gives, for every kind of surface: how far the traced facets are from the true
-// surface, bytes, seconds to build, rays a second. Prints a table.
+// What a patch_multiplier costs and gives, for every kind of surface: how far the traced facets are from the
+// true surface, bytes, seconds to build, rays a second. Prints a table.
 //
 //   level_bench [--rays N] [--rate R]
 #include <fmt/format.h>
@@ -50,12 +50,13 @@ void measure(const test::Model& m, size_t rays) {
     for (size_t i = 0; i < rays; ++i) {
       tracer::Ray r;
       r.origin = model.inside + float(size) * 1.2f * start.direction();
-      r.direction = glm::normalize(model.inside + float(size) * 0.8f * start() * start.direction() - r.origin);
+      r.direction =
+          glm::normalize(model.inside + float(size) * 0.8f * start() * start.direction() - r.origin);
       any += scene->closest(r).any();
     }
     const double seconds = secondsSince(begin);
-    fmt::print("| {:16} | {:5} | {:9.2e} | {:9.2e} | {:7} | {:9.1f} | {:7.2f} | {:5.2f} |\n", m.name, multiplier,
-               worst / size, std::sqrt(squares / double(std::max<size_t>(1, hits))) / size,
+    fmt::print("| {:16} | {:5} | {:9.2e} | {:9.2e} | {:7} | {:9.1f} | {:7.2f} | {:5.2f} |\n", m.name,
+               multiplier, worst / size, std::sqrt(squares / double(std::max<size_t>(1, hits))) / size,
                s.quads + s.triangles, double(s.embreeBytes + s.recordBytes) / 1024, 1000 * s.buildSeconds,
                double(rays) / seconds * 1e-6);
     std::fflush(stdout);
@@ -73,7 +74,8 @@ int main(int argc, char** argv) {
     if (!std::strcmp(argv[i], "--rays")) rays = size_t(std::max(1.0, std::atof(argv[i + 1])));
     if (!std::strcmp(argv[i], "--rate")) rate = std::atof(argv[i + 1]);
   }
-  fmt::print("| surface | patch_multiplier | worst error | RMS error | facets | KiB | build, ms | M rays/s |\n");
+  fmt::print(
+      "| surface | patch_multiplier | worst error | RMS error | facets | KiB | build, ms | M rays/s |\n");
   fmt::print("|---|---:|---:|---:|---:|---:|---:|---:|\n");
   for (fr::test::Model m : fr::test::closedModels()) {
     if (m.bumps > 0) continue;  // the true surface is the displaced one, which has no closed form

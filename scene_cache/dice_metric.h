@@ -1,8 +1,8 @@
 // How finely curves are diced: size over distance, whatever the curve's direction, so that a grid does not
 // depend on who asks for it. Orthographic cameras look at everything in one direction, and lengths of flat
 // faces in it count less: nothing else would make a wall coarse that leads away from the eye. What lies
-// outside the camera's cone is seen by rays alone and is rated coarser, gradually, down to a quarter, and less
-// far away from an extremely narrow one: it would otherwise dice many times its own area around the eye.
+// outside the camera's cone is seen by rays alone and is rated coarser, gradually, down to a quarter, and
+// less far away from an extremely narrow one: it would otherwise dice many times its own area around the eye.
 #pragma once
 
 #include "base/math.h"

@@ -78,8 +78,8 @@ struct Departure {
   float cosine = 0;                      // dot(direction, oriented unit normal); 0: as good as in the surface
   float cellSize = 0;                    // of the starting patch, as traced
   float deviation = 0;                   // of the starting patch, as traced
-  float lift = 0;            // from the start point off the surface as shaded, to the side where the ray goes
-  float nearDistance = 0;    // Attribute "trace" "bias" of the surface, which then stands for all of the above
+  float lift = 0;          // from the start point off the surface as shaded, to the side where the ray goes
+  float nearDistance = 0;  // Attribute "trace" "bias" of the surface, which then stands for all of the above
 };
 
 /// One ray. Cache space; direction is unit, so distances are lengths.

@@ -166,9 +166,7 @@ Start startOn(const Traced& t, cache::ObjectId object, Random& random, bool dice
   return s;
 }
 
-void depart(const Traced& t, Ray& ray, const Start& start) {
-  t.scene->leave(ray, start.node, start.n);
-}
+void depart(const Traced& t, Ray& ray, const Start& start) { t.scene->leave(ray, start.node, start.n); }
 
 /// Direction with the given cosine to n.
 Vec3 directionAt(const Vec3& n, float cosine, Random& random) {

@@ -24,7 +24,7 @@ struct RendribCommandLine {
   bool progressLines = false;  // "R90000 nn%", for queue managers
   bool radiosity = false;      // asked for
   bool deterministic = false;
-  std::string shaderPath;      // colon-separated, searched first
+  std::string shaderPath;  // colon-separated, searched first
 };
 
 struct ParsedRendribCommandLine {
