@@ -3,16 +3,6 @@
 
 namespace fr {
 
-FilmFunction filmFunction() {
-  switch (currentIsa()) {
-    case Isa::kAvx512:
-      return avx512::addSamples;
-    case Isa::kAvx2:
-      return avx2::addSamples;
-    case Isa::kSse4:
-      break;
-  }
-  return sse4::addSamples;
-}
+FilmFunction filmFunction() { return forIsa(sse4::addSamples, avx2::addSamples, avx512::addSamples); }
 
 }  // namespace fr

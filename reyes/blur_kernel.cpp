@@ -14,8 +14,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "reyes/lanes.h"
 #include "reyes/sample_buffer.h"
-#include "shading/simd.h"
 
 namespace fr::reyes::FR_ISA {
 namespace {
@@ -27,12 +27,6 @@ constexpr int kWidth = int(kLanes);
 constexpr int32_t kSmallSide = 16 * kSubpixels;
 constexpr int kMostKeys = 33;
 
-template <class T>
-inline T load(const void* from) {
-  T v;
-  __builtin_memcpy(&v, from, sizeof v);
-  return v;
-}
 inline V gather(const float* base, VI index) {
 #if defined(FR_ISA_avx512)
   return (V)_mm512_mask_i32gather_ps(_mm512_setzero_ps(), 0xffff, (__m512i)index, base, 4);
@@ -65,17 +59,6 @@ inline VI nearestInt(V x) {
   return (VI)_mm_cvtps_epi32((__m128)x);
 #endif
 }
-/// Bit i: lane i.
-inline uint32_t maskBits(VI m) {
-#if defined(FR_ISA_avx512)
-  return uint32_t(_mm512_movepi32_mask((__m512i)m));
-#elif defined(FR_ISA_avx2)
-  return uint32_t(_mm256_movemask_ps((__m256)m));
-#else
-  return uint32_t(_mm_movemask_ps((__m128)m));
-#endif
-}
-
 /// A place at all keys.
 struct Track {
   float xw[kMostKeys], yw[kMostKeys], z[kMostKeys];
@@ -181,8 +164,14 @@ __attribute__((noinline)) VI testLarge(const Seen& a, const Seen& b, const Seen&
   return inside;
 }
 
-inline VI smaller(VI a, VI b) { return a < b ? a : b; }
-inline VI larger(VI a, VI b) { return a > b ? a : b; }
+template <class T>
+inline T smaller(T a, T b) {
+  return a < b ? a : b;
+}
+template <class T>
+inline T larger(T a, T b) {
+  return a > b ? a : b;
+}
 
 class Drawing {
  public:
@@ -244,7 +233,6 @@ class Drawing {
     const float inverse = faces_.perspective ? 1 / z : 1.0f;
     return {xw * inverse, yw * inverse, faces_.perspective ? -inverse : z};
   }
-  static float larger(float a, float b) { return a > b ? a : b; }
   static float size(float a) { return a < 0 ? -a : a; }
 
   /// Where each vertex is seen relative to the middle, at any time, from anywhere on the lens.
@@ -507,8 +495,8 @@ class Drawing {
     VI x0 = seen[0].x, x1 = x0, y0 = seen[0].y, y1 = y0;
     for (int c = 1; c < corners_; ++c) {
       seen[c] = see(faces_, corner_[c], s);
-      x0 = smaller(x0, seen[c].x), x1 = fr::reyes::FR_ISA::larger(x1, seen[c].x);
-      y0 = smaller(y0, seen[c].y), y1 = fr::reyes::FR_ISA::larger(y1, seen[c].y);
+      x0 = smaller(x0, seen[c].x), x1 = larger(x1, seen[c].x);
+      y0 = smaller(y0, seen[c].y), y1 = larger(y1, seen[c].y);
     }
     const bool small = !anyLane((x1 - x0 >= kSmallSide) | (y1 - y0 >= kSmallSide));
     for (int t = 0; t < corners_ - 2; ++t) {

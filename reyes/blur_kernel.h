@@ -46,9 +46,7 @@ struct BlurFaces {
   int keys = 1;  // equally spaced over the shutter
   bool perspective = true;
   LensShift lens;
-  int originX = 0, originY = 0;  // the tile's corner, pixels
-  // Where each vertex is seen at any time, from anywhere on the lens: pixels.
-  const float *x0 = nullptr, *y0 = nullptr, *x1 = nullptr, *y1 = nullptr;
+  int originX = 0, originY = 0;   // the tile's corner, pixels
   const uint8_t* skip = nullptr;  // per vertex: faces that use it are drawn elsewhere
   int nu = 0, nv = 0;
   const uint8_t* indices = nullptr;

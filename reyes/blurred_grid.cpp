@@ -33,7 +33,6 @@ BlurFaces BlurredGrid::faces(const ShutterSpace& space, const PixelRect& tile) c
   f.perspective = space.open().perspective();
   f.lens = space.open().lens();
   f.originX = tile.x0, f.originY = tile.y0;
-  f.x0 = x0.data(), f.y0 = y0.data(), f.x1 = x1.data(), f.y1 = y1.data();
   f.skip = state.data();
   return f;
 }

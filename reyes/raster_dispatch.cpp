@@ -4,40 +4,8 @@
 
 namespace fr::reyes {
 
-RasterFunction rasterFunction() {
-  switch (currentIsa()) {
-    case Isa::kAvx512:
-      return avx512::rasterise;
-    case Isa::kAvx2:
-      return avx2::rasterise;
-    case Isa::kSse4:
-      break;
-  }
-  return sse4::rasterise;
-}
-
-int rasterWidth() {
-  switch (currentIsa()) {
-    case Isa::kAvx512:
-      return 16;
-    case Isa::kAvx2:
-      return 8;
-    case Isa::kSse4:
-      break;
-  }
-  return 4;
-}
-
-BlurFunction blurFunction() {
-  switch (currentIsa()) {
-    case Isa::kAvx512:
-      return avx512::drawBlurred;
-    case Isa::kAvx2:
-      return avx2::drawBlurred;
-    case Isa::kSse4:
-      break;
-  }
-  return sse4::drawBlurred;
-}
+RasterFunction rasterFunction() { return forIsa(sse4::rasterise, avx2::rasterise, avx512::rasterise); }
+int rasterWidth() { return forIsa(4, 8, 16); }
+BlurFunction blurFunction() { return forIsa(sse4::drawBlurred, avx2::drawBlurred, avx512::drawBlurred); }
 
 }  // namespace fr::reyes

@@ -8,9 +8,9 @@
 
 #include <bit>
 
+#include "reyes/lanes.h"
 #include "reyes/raster_space.h"
 #include "reyes/sample_buffer.h"
-#include "shading/simd.h"
 
 namespace fr::reyes::FR_ISA {
 namespace {
@@ -34,16 +34,6 @@ T biasOf(T dx, T dy) {
   return dy > 0 || (dy == 0 && dx < 0) ? T(0) : T(1);
 }
 
-FR_INLINE VI loadInt(const void* from) {
-  VI v;
-  __builtin_memcpy(&v, from, sizeof v);
-  return v;
-}
-FR_INLINE V loadFloat(const float* from) {
-  V v;
-  __builtin_memcpy(&v, from, sizeof v);
-  return v;
-}
 /// Differences of packed 16-bit coordinates.
 FR_INLINE VI difference16(VI a, VI b) {
 #if defined(FR_ISA_avx512)
@@ -62,16 +52,6 @@ FR_INLINE VI dot16(VI a, VI b) {
   return (VI)_mm256_madd_epi16((__m256i)a, (__m256i)b);
 #else
   return (VI)_mm_madd_epi16((__m128i)a, (__m128i)b);
-#endif
-}
-/// Bit i: lane i is negative.
-FR_INLINE uint32_t signBits(VI m) {
-#if defined(FR_ISA_avx512)
-  return uint32_t(_mm512_movepi32_mask((__m512i)m));
-#elif defined(FR_ISA_avx2)
-  return uint32_t(_mm256_movemask_ps((__m256)m));
-#else
-  return uint32_t(_mm_movemask_ps((__m128)m));
 #endif
 }
 /// Where m is negative a, else b.
@@ -154,7 +134,7 @@ class SmallFace {
 
   /// Tests a vector of samples of which `lanes` count.
   void test(size_t first, uint32_t lanes, RasterTarget& target) const {
-    const VI s = difference16(loadInt(target.xy + first), base_);
+    const VI s = difference16(load<VI>(target.xy + first), base_);
     const VI ab = ab_.at(s), ca = ca_.at(s), bc = bc_.at(s);
     VI outside, bd = {};
     if constexpr (kQuad) {
@@ -164,7 +144,7 @@ class SmallFace {
     } else {
       outside = ab | ca | bc;
     }
-    uint32_t inside = ~signBits(outside) & lanes;
+    uint32_t inside = ~maskBits(outside) & lanes;
     if (inside == 0) return;
     V key = key_ + toFloat(ca + ca_.bias) * atB_ + toFloat(ab + ab_.bias) * atC_;
     VI hit = hit_;
@@ -174,7 +154,7 @@ class SmallFace {
       hit = hit_ - (bc >> 31);
     }
     if (target.fragments) {
-      inside &= ~signBits(key > loadFloat(target.depth + first));
+      inside &= ~maskBits(key > load<V>(target.depth + first));
       makeRoom(target);
       for (; inside; inside &= inside - 1) {
         const int i = std::countr_zero(inside);
@@ -183,17 +163,17 @@ class SmallFace {
       }
       return;
     }
-    const V depth = loadFloat(target.depth + first);
-    uint32_t ties = inside & signBits(key == depth);
+    const V depth = load<V>(target.depth + first);
+    uint32_t ties = inside & maskBits(key == depth);
     const VI nearer = ~(outside >> 31) & (key < depth);
     if (lanes == kAllLanes) {
-      const VI other = loadInt(target.hit + first);
+      const VI other = load<VI>(target.hit + first);
       const V newDepth = select(nearer, key, depth);
       const VI newHit = nearer ? hit : other;
       __builtin_memcpy(target.depth + first, &newDepth, sizeof newDepth);
       __builtin_memcpy(target.hit + first, &newHit, sizeof newHit);
     } else {
-      for (uint32_t m = inside & signBits(nearer); m; m &= m - 1) {
+      for (uint32_t m = inside & maskBits(nearer); m; m &= m - 1) {
         const int i = std::countr_zero(m);
         target.depth[first + size_t(i)] = key[i], target.hit[first + size_t(i)] = uint32_t(hit[i]);
       }
@@ -236,6 +216,21 @@ void drawSmall(const SmallFace<kQuad>& face, const Pixels& p, int32_t x0, int32_
         face.test(at, kAllLanes, target);
     }
   }
+}
+
+/// The quadrilateral a b d c: triangles a b c and b d c, both small and of areas of one sign; `hit` is that
+/// of the first, and one more that of the second.
+void drawQuad(const Corner& a, const Corner& b, const Corner& c, const Corner& d, int32_t area, int32_t area2,
+              const Pixels& p, int32_t x0, int32_t y0, int32_t x1, int32_t y1, uint32_t hit, int cullSign,
+              RasterTarget& target) {
+  // Seen from behind it has its other two corners the other way round.
+  const bool behind = area < 0;
+  if (behind ? cullSign < 0 : cullSign > 0) return;
+  target.trianglesTested += 2;
+  touch(p, target);
+  const SmallFace<true> face(a, behind ? c : b, behind ? b : c, d, behind ? -area : area,
+                             behind ? -area2 : area2, hit);
+  drawSmall(face, p, x0, y0, x1, y1, target);
 }
 
 // ---- large: triangles in doubles
@@ -346,14 +341,8 @@ void drawCell(const RasterTriangles& in, const CellRow& row, uint32_t k, uint32_
                          ((area > 0 && area2 > 0) || (area < 0 && area2 < 0)) && !isSkipped(a, b, c) &&
                          !isSkipped(b, d, c);
   if (isOneQuad) {
-    // Seen from behind it has its other two corners the other way round.
-    const bool behind = area < 0;
-    if (behind ? in.cullSign < 0 : in.cullSign > 0) return;
-    target.trianglesTested += 2;
-    touch(p, target);
-    const SmallFace<true> face(corner(a), corner(behind ? c : b), corner(behind ? b : c), corner(d),
-                               behind ? -area : area, behind ? -area2 : area2, hit);
-    drawSmall(face, p, x0, y0, x1, y1, target);
+    drawQuad(corner(a), corner(b), corner(c), corner(d), area, area2, p, x0, y0, x1, y1, hit, in.cullSign,
+             target);
     return;
   }
   if (!isSkipped(a, b, c)) drawTriangle(corner(a), corner(b), corner(c), hit, in.cullSign, target);
@@ -398,13 +387,7 @@ bool drawPair(const RasterTriangles& in, uint32_t n, RasterTarget& target) {
   if (p.empty()) return true;
   const auto area = int32_t(areaOf(a, b, c)), area2 = int32_t(areaOf(b, d, c));
   if (area == 0 || area2 == 0 || (area < 0) != (area2 < 0)) return false;
-  const bool behind = area < 0;
-  if (behind ? in.cullSign < 0 : in.cullSign > 0) return true;
-  target.trianglesTested += 2;
-  touch(p, target);
-  const SmallFace<true> face(a, behind ? c : b, behind ? b : c, d, behind ? -area : area,
-                             behind ? -area2 : area2, in.slot << kTriangleBits | n);
-  drawSmall(face, p, x0, y0, x1, y1, target);
+  drawQuad(a, b, c, d, area, area2, p, x0, y0, x1, y1, in.slot << kTriangleBits | n, in.cullSign, target);
   return true;
 }
 

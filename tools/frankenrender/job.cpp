@@ -135,7 +135,8 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
 
 bool isCacheFile(const std::string& path) { return std::filesystem::path(path).extension() == ".fsc"; }
 
-/// --progressive: the passes before the last, each at most a tenth of the work of the next.
+/// --progressive: the passes before the last, each with an eighth of the points of the next (of ShadingRate
+/// 1).
 struct CoarsePass {
   float shadingRate;
   double pixelSamples;
