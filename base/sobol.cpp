@@ -48,6 +48,7 @@ uint32_t laineKarras(uint32_t x, uint32_t seed) {
   return x;
 }
 uint32_t owenScramble(uint32_t x, uint32_t seed) { return reverseBits(laineKarras(reverseBits(x), seed)); }
+uint32_t seedOf(int dimension, uint32_t seed) { return mix32(seed ^ (0x9e3779b9u * uint32_t(dimension + 1))); }
 
 uint32_t sobol(uint32_t index, int dimension) {
   uint32_t x = 0;
@@ -61,11 +62,22 @@ uint32_t sobol(uint32_t index, int dimension) {
 float sobolOwen(uint32_t index, int dimension, uint32_t seed) {
   const uint32_t shuffled = owenScramble(index, mix32(seed));
   const uint32_t x = sobol(shuffled, dimension & 3);
-  return toUnitFloat(owenScramble(x, mix32(seed ^ (0x9e3779b9u * uint32_t(dimension + 1)))));
+  return toUnitFloat(owenScramble(x, seedOf(dimension, seed)));
 }
 
 Vec2 sobolOwen2(uint32_t index, uint32_t seed) {
-  return {sobolOwen(index, 0, seed), sobolOwen(index, 1, seed)};
+  // The index is shuffled once, and bits are reversed where the definition above would reverse them twice.
+  const uint32_t reversed = laineKarras(reverseBits(index), mix32(seed));
+  // Dimension 0 reverses its index. Dimension 1 is Pascal's triangle modulo 2 times it, which takes sums over
+  // all numbers of bits that contain a number of a bit, one binary digit of that number after the other.
+  uint32_t sum = reversed;
+  sum ^= (sum & 0x55555555u) << 1;
+  sum ^= (sum & 0x33333333u) << 2;
+  sum ^= (sum & 0x0f0f0f0fu) << 4;
+  sum ^= (sum & 0x00ff00ffu) << 8;
+  sum ^= sum << 16;
+  return {toUnitFloat(reverseBits(laineKarras(reverseBits(reversed), seedOf(0, seed)))),
+          toUnitFloat(reverseBits(laineKarras(reverseBits(sum), seedOf(1, seed))))};
 }
 
 }  // namespace fr

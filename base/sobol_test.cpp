@@ -31,6 +31,15 @@ TEST(Sobol, EachDimensionIsStratified) {
   }
 }
 
+TEST(Sobol, PairsAreTheFirstTwoDimensions) {
+  for (uint32_t k = 0; k < 100000; ++k) {
+    const uint32_t index = k < 1000 ? k : k * 0x9e3779b9u, seed = k * 0x85ebca6bu;
+    const Vec2 p = sobolOwen2(index, seed);
+    ASSERT_EQ(p.x, sobolOwen(index, 0, seed)) << index;
+    ASSERT_EQ(p.y, sobolOwen(index, 1, seed)) << index;
+  }
+}
+
 TEST(Sobol, MeanIsAHalfOverSeeds) {
   double sum = 0;
   for (uint32_t seed = 0; seed < 4096; ++seed) sum += sobolOwen(0, 0, seed);

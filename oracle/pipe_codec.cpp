@@ -84,12 +84,17 @@ void forEachQuestion(Query& q, uint32_t columns, F&& f) {
 bool tellsNode(RayKind kind, const RayTerms& terms) {
   return kind != RayKind::kVisibility && terms.flags & RayTerms::kWantsNode;
 }
+/// Whether they tell the point that was hit.
+bool tellsPoint(RayKind kind, const RayTerms& terms) {
+  return kind == RayKind::kFullTrace ||
+         (kind == RayKind::kHitTest && !(terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether)));
+}
 template <class Query, class F>
 void forEachAnswer(Query& q, RayKind kind, F&& f) {
   if (kind != RayKind::kHitTest)
     for (auto& a : q.color) f(a);
   if (kind != RayKind::kVisibility) f(q.hitDistance);
-  if (kind == RayKind::kHitTest || kind == RayKind::kFullTrace) {
+  if (tellsPoint(kind, q.terms)) {
     for (auto& a : q.hitP) f(a);
     for (auto& a : q.hitN) f(a);
   }
@@ -108,7 +113,7 @@ size_t questionBytes(uint32_t columns) {
 size_t answerBytes(RayKind kind, const RayTerms& terms) {
   const size_t fixed = kind == RayKind::kTrace        ? 16
                        : kind == RayKind::kVisibility ? 12
-                       : kind == RayKind::kHitTest    ? 28
+                       : kind == RayKind::kHitTest    ? (tellsPoint(kind, terms) ? 28 : 4)
                                                       : 68;
   return fixed + (tellsNode(kind, terms) ? 4 : 0);
 }

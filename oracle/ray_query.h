@@ -21,7 +21,7 @@ inline constexpr uint32_t kRayRow = kMaxRays + 16;
 enum class RayKind : uint32_t {
   kTrace,       // color, hitDistance
   kVisibility,  // color: 1 clear ... 0 opaque, between origin and origin + direction (t in [0,1])
-  kHitTest,     // hitDistance (1e38 on a miss), hitP, hitN
+  kHitTest,     // hitDistance (1e38 on a miss), hitP, hitN; or less: RayTerms::kOnlyDistance, kOnlyWhether
   kFullTrace,   // all; hitDistance 1e30 on a miss; missDepth, missP, missR
 };
 
@@ -37,7 +37,18 @@ inline constexpr uint32_t kMaxExtraAnswers = 12;
 
 /// What a call site says about all its rays. All bytes 0: nothing said. Strings end with 0.
 struct RayTerms {
-  enum Flags : uint32_t { kHasBias = 1, kFrontOnly = 2, kBackOnly = 4, kWantsNode = 8, kHasOpaque = 16 };
+  /// kOnlyDistance: rayhittest leaves hitP and hitN alone. kOnlyWhether: so it does, and hitDistance only
+  /// says whether there is a hit (0, or 1e38), which is quicker than to find the first one; unless the patch
+  /// or extra answers are wanted, too.
+  enum Flags : uint32_t {
+    kHasBias = 1,
+    kFrontOnly = 2,
+    kBackOnly = 4,
+    kWantsNode = 8,
+    kHasOpaque = 16,
+    kOnlyDistance = 32,
+    kOnlyWhether = 64,
+  };
   RayClass rayClass;
   uint32_t flags;
   float maxDistance;      // hits farther away are none; 0: no limit. Not for visibility

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <string_view>
 #include <tuple>
 
@@ -27,22 +28,31 @@ void basis(const Vec3& n, Vec3& x, Vec3& y) {
   x = {1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
   y = {b, sign + n.y * n.y * a, -n.y};
 }
-/// A unit direction within the cone about the unit vector d.
-Vec3 sampleCone(const Vec3& d, float cone, bool cosine, const Vec2& r) {
-  float z, rho;
-  if (cosine) {
-    const float limit = std::sin(std::min(cone, 1.5707963f));
-    rho = limit * std::sqrt(r.x);
-    z = std::sqrt(std::max(0.0f, 1.0f - rho * rho));
-  } else {
-    z = 1.0f - r.x * (1.0f - std::cos(std::min(cone, 3.1415927f)));
-    rho = std::sqrt(std::max(0.0f, 1.0f - z * z));
+/// The unit directions within an angle of a unit vector.
+struct Cone {
+  Vec3 axis, x, y;
+  bool cosine;
+  float limit;
+
+  Cone(const Vec3& d, float angle, bool byCosine)
+      : axis(d),
+        cosine(byCosine),
+        limit(cosine ? std::sin(std::min(angle, 1.5707963f)) : 1.0f - std::cos(std::min(angle, 3.1415927f))) {
+    basis(d, x, y);
   }
-  Vec3 x, y;
-  basis(d, x, y);
-  const float phi = 6.2831853f * r.y;
-  return x * (rho * std::cos(phi)) + y * (rho * std::sin(phi)) + d * z;
-}
+  Vec3 direction(const Vec2& r) const {
+    float z, rho;
+    if (cosine) {
+      rho = limit * std::sqrt(r.x);
+      z = std::sqrt(std::max(0.0f, 1.0f - rho * rho));
+    } else {
+      z = 1.0f - r.x * limit;
+      rho = std::sqrt(std::max(0.0f, 1.0f - z * z));
+    }
+    const float phi = 6.2831853f * r.y;
+    return x * (rho * std::cos(phi)) + y * (rho * std::sin(phi)) + axis * z;
+  }
+};
 /// Unit vector, or 0 when there is no direction to speak of.
 Vec3 unit(const Vec3& v) {
   const float m = std::max({std::fabs(v.x), std::fabs(v.y), std::fabs(v.z)});
@@ -121,17 +131,15 @@ bool Machine::nextGroup(Question& q) {
 }
 
 void PendingRays::missAll() {
-  for (uint32_t i = 0; i < count; ++i) {
-    const float c = kind == RayKind::kVisibility ? 1.0f : 0.0f;
-    for (int k = 0; k < 3; ++k) {
-      color[k][i] = c;
-      hitP[k][i] = hitN[k][i] = 0;
-      missP[k][i] = origin[k][i];
-      missR[k][i] = direction[k][i];
-    }
-    hitDistance[i] = kind == RayKind::kFullTrace ? kNoHitFullTrace : kNoHit;
-    missDepth[i] = 1;
+  std::fill_n(hitDistance, count, kind == RayKind::kFullTrace ? kNoHitFullTrace : kNoHit);
+  if (kind == RayKind::kHitTest && terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether)) return;
+  const float c = kind == RayKind::kVisibility ? 1.0f : 0.0f;
+  for (int k = 0; k < 3; ++k) {
+    std::fill_n(color[k], count, c);
+    std::fill_n(hitP[k], count, 0.0f), std::fill_n(hitN[k], count, 0.0f);
+    std::copy_n(origin[k], count, missP[k]), std::copy_n(direction[k], count, missR[k]);
   }
+  std::fill_n(missDepth, count, 1.0f);
   if (terms.extras[0] == 0) return;
   const float value = std::string_view(terms.extras).find("ray:transmission") == 2 ? 1.0f : 0.0f;
   for (auto& column : extra) std::fill_n(column, count, value);
@@ -222,50 +230,41 @@ bool Machine::ask(Question& q) {
   }
   for (uint32_t i = 0; i < batch_.asking && r.count < kMaxRays; ++i) {
     if (!q.mask[i]) continue;
-    Vec3 from = at3(q.from, i);
-    Vec3 direction = at3(raw, i);
-    uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
-    if (q.counter) seed = hashStep(seed, q.counter[i]);
-    if (const float base = q.baseAt(i); base > 0.0f) {
-      // Anywhere on the surroundings that the point stands for.
-      const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed)) - Vec2(0.5f);
-      const auto side = [&](GlobalId tangent, GlobalId size) {
-        const Operand along = batch_.globals[size_t(tangent)], length = batch_.globals[size_t(size)];
-        return along.data && length.data ? at3(along, i) * (length.at(i) * base) : Vec3(0);
-      };
-      const Vec3 shift =
-          side(GlobalId::k_dPdu, GlobalId::k_du) * xi.x + side(GlobalId::k_dPdv, GlobalId::k_dv) * xi.y;
-      if (isFinite(shift)) {
-        from += shift;
-        if (q.toPoint) direction -= shift;
-      }
-    }
-    if (!isFinite(from) || !isFinite(direction)) from = direction = Vec3(0);  // hits nothing
-    const uint32_t k = r.count;
-    r.radius[k] = radius[i];
-    r.spread[k] = spread[i];
+    uint64_t pointSeed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
+    if (q.counter) pointSeed = hashStep(pointSeed, q.counter[i]);
+    const uint32_t samples = q.samplesAt(i);
+    const float base = q.baseAt(i), angle = q.coneAt(i);
     const auto near = [&](const Vec3& p) {
       if (!P.data) return false;
       const Vec3 off = p - at3(P, i);
       const float limit = 2.0f * radius[i] + 1e-6f * (1.0f + glm::length(p));
       return glm::dot(off, off) <= limit * limit;
     };
-    r.onSurface[k] = near(from);
-    if (segment && !r.onSurface[k] && near(from + direction)) {
-      // The same question from the other end: then the tracer knows which surface the ray must not hit by
-      // mistake.
-      from += direction;
-      direction = -direction;
-      r.onSurface[k] = true;
-    }
-    if (r.onSurface[k] && d && !batch_.copyPeriod) {
-      // Where surfaces meet in an edge, a point of the one lies exactly on the other: its rays must start on
-      // the near side of that, or half of them would leave through the corner of a closed room.
-      const Vec3 inward = fromTheEdge(P, *d, i);
-      from += inward;
-      if (segment) direction -= inward;
-    }
-    if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
+    struct Start {
+      Vec3 from, direction;
+      bool onSurface;
+    };
+    const auto startAt = [&](Vec3 from, Vec3 direction) {
+      if (!isFinite(from) || !isFinite(direction)) from = direction = Vec3(0);  // hits nothing
+      bool onSurface = near(from);
+      if (segment && !onSurface && near(from + direction)) {
+        // The same question from the other end: then the tracer knows which surface the ray must not hit by
+        // mistake.
+        from += direction;
+        direction = -direction;
+        onSurface = true;
+      }
+      if (onSurface && d && !batch_.copyPeriod) {
+        // Where surfaces meet in an edge, a point of the one lies exactly on the other: its rays must start
+        // on the near side of that, or half of them would leave through the corner of a closed room.
+        const Vec3 inward = fromTheEdge(P, *d, i);
+        from += inward;
+        if (segment) direction -= inward;
+      }
+      if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
+      return Start{from, direction, onSurface};
+    };
+    float widest = spread[i];
     if (d && d->uScale[i] != 0.0f && !r.single && !segment) {
       // How much the direction turns over the footprint.
       const auto turn = [&](uint32_t lo, uint32_t hi, float scale) {
@@ -276,24 +275,48 @@ bool Machine::ask(Question& q) {
       };
       const float u = turn(d->uLo[i], d->uHi[i], d->uScale[i] * d->uCell[i]);
       const float v = turn(d->vLo[i], d->vHi[i], d->vScale[i] * d->vCell[i]);
-      r.spread[k] = std::min(1.0f, std::max(r.spread[k], std::sqrt(std::max(u, v))));
+      widest = std::min(1.0f, std::max(widest, std::sqrt(std::max(u, v))));
     }
-    r.pair[0][k] = r.pair[1][k] = 0.5f;
-    const uint32_t samples = q.samplesAt(i);
-    if (const float cone = q.coneAt(i); cone > 0.0f) {
-      const Vec2 xi = sobolOwen2(q.sample, uint32_t(seed >> 32));
-      r.pair[0][k] = xi.x, r.pair[1][k] = xi.y;
-      const float length = segment ? glm::length(direction) : 1.0f;
-      direction = sampleCone(segment ? unit(direction) : direction, cone, q.cosine, xi) * length;
-      // The samples share the cone's solid angle.
-      const float share = std::sqrt(2.0f * (1.0f - std::cos(cone)) / float(samples));
-      r.spread[k] = std::min(1.0f, std::max(r.spread[k], share));
+    // The samples share the cone's solid angle.
+    if (angle > 0.0f)
+      widest = std::min(1.0f, std::max(widest, std::sqrt(2.0f * (1.0f - std::cos(angle)) / float(samples))));
+
+    Start start = startAt(at3(q.from, i), at3(raw, i));
+    std::optional<Cone> cone;
+    float length = 1.0f;
+    const uint32_t end = std::min(samples, q.sample + q.run);
+    for (uint32_t sample = q.sample; sample < end && r.count < kMaxRays; ++sample) {
+      if (base > 0.0f) {
+        // Anywhere on the surroundings that the point stands for.
+        const Vec2 xi = sobolOwen2(sample, uint32_t(pointSeed)) - Vec2(0.5f);
+        const auto side = [&](GlobalId tangent, GlobalId size) {
+          const Operand along = batch_.globals[size_t(tangent)], extent = batch_.globals[size_t(size)];
+          return along.data && extent.data ? at3(along, i) * (extent.at(i) * base) : Vec3(0);
+        };
+        Vec3 shift =
+            side(GlobalId::k_dPdu, GlobalId::k_du) * xi.x + side(GlobalId::k_dPdv, GlobalId::k_dv) * xi.y;
+        if (!isFinite(shift)) shift = Vec3(0);
+        start = startAt(at3(q.from, i) + shift, q.toPoint ? at3(raw, i) - shift : at3(raw, i));
+      }
+      const uint32_t k = r.count++;
+      r.radius[k] = radius[i];
+      r.spread[k] = widest;
+      r.onSurface[k] = start.onSurface;
+      Vec3 direction = start.direction;
+      r.pair[0][k] = r.pair[1][k] = 0.5f;
+      if (angle > 0.0f) {
+        const Vec2 xi = sobolOwen2(sample, uint32_t(pointSeed >> 32));
+        r.pair[0][k] = xi.x, r.pair[1][k] = xi.y;
+        if (!cone || base > 0.0f) {
+          if (segment) length = glm::length(direction);
+          cone.emplace(segment ? unit(direction) : direction, angle, q.cosine);
+        }
+        direction = cone->direction(xi) * length;
+      }
+      r.seed[k] = samples > 1 ? hashStep(pointSeed, sample) : pointSeed;
+      r.lane[k] = i;
+      for (int c = 0; c < 3; ++c) r.origin[c][k] = start.from[c], r.direction[c][k] = direction[c];
     }
-    if (samples > 1) seed = hashStep(seed, q.sample);
-    r.seed[k] = seed;
-    r.lane[k] = i;
-    for (int c = 0; c < 3; ++c) r.origin[c][k] = from[c], r.direction[c][k] = direction[c];
-    ++r.count;
     if (r.single) break;
   }
   if (r.count == 0) return false;

@@ -29,7 +29,8 @@ struct Machine::Question {
   bool cosine = false;  // density falls with the cosine to the direction
   Term base;            // part of the micropolygon over which origins are spread
   Term samples;
-  uint32_t sample = 0;
+  uint32_t sample = 0;  // the first that is asked now
+  uint32_t run = 1;     // as many samples of a point as go into one block, one after the other
   bool hemisphere = false, aimed = false;  // samples differ even without a cone
   bool several = false;                    // as many samples as were asked for, whether they differ or not
   bool noRays = false;                     // directions alone are wanted
@@ -55,6 +56,7 @@ struct Machine::RayCall {
   uint32_t samples = 1;  // the most that any point wants
   Term falloff;
   bool polynomial = false;         // falloffmode 1
+  bool hiddenAlone = false;        // nothing but how much is hidden is wanted
   std::string_view environment;    // map for rays that hit nothing, "" none
   std::string_view environmentIn;  // its coordinate system
 };

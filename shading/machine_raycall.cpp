@@ -143,6 +143,15 @@ void Machine::describe(Frame& f, const Step& s, RayCall& c) {
     c.environmentIn = optionString(f, s, c.fixed, "environmentspace");
   }
   if (c.result == Result::kHit || c.result == Result::kFull) c.environment = {};
+  if (c.result == Result::kHidden) {
+    const auto wanted = [&](std::string_view name) {
+      const Operand* out = option(f, s, c.fixed, name);
+      return out && isWritten(f, s, uint32_t(out - a));
+    };
+    c.hiddenAlone = !wanted("transmission") && !wanted("environmentdir") && !wanted("environmentcolor");
+    q.terms.flags |= c.falloff.given.data ? RayTerms::kOnlyDistance : RayTerms::kOnlyWhether;
+  }
+  if (c.result == Result::kDistance) q.terms.flags |= RayTerms::kOnlyDistance;
   bool through = !c.environment.empty() && q.kind == RayKind::kTrace;
   if (const Operand* out = s.op == Op::trace_t ? option(f, s, c.fixed, "transmission") : nullptr)
     through |= isWritten(f, s, uint32_t(out - a));
@@ -196,16 +205,18 @@ void Machine::accumulate(const Frame& f, const RayCall& c) {
   float* const sum = accumulator_.data();
   const bool passes = q.kind == RayKind::kVisibility;
   const bool through = q.terms.extras[0] != 0;
-  const bool environment = !c.environment.empty() && lookUpEnvironment(f, c.environment, c.environmentIn);
+  const bool environment = !c.hiddenAlone && !c.environment.empty() &&
+                           lookUpEnvironment(f, c.environment, c.environmentIn);
+  const bool colored = q.kind != RayKind::kHitTest;
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t i = r.lane[k];
     const float farthest = q.maxDistance.at(i);
     const bool hit = !passes && r.hitDistance[k] < farthest;
-    for (uint32_t m = 0; m < 3; ++m) {
+    for (uint32_t m = 0; m < 3 && !c.hiddenAlone; ++m) {
       // What is missed has a colour where a volume fills the way.
       const float passed = through ? r.extra[m][k] : hit ? 0.0f : 1.0f;
       const float beyond = environment ? passed * missColor_.data()[m * kMaxRays + k] : 0.0f;
-      sum[(kSumColor + m) * n + i] += r.color[m][k] + beyond;
+      sum[(kSumColor + m) * n + i] += (colored ? r.color[m][k] : 0.0f) + beyond;
       sum[(kSumThrough + m) * n + i] += passed;
       sum[(kSumEnvironment + m) * n + i] += beyond;
     }
@@ -216,7 +227,7 @@ void Machine::accumulate(const Frame& f, const RayCall& c) {
                              ? std::pow(std::max(0.0f, 1.0f - d / farthest), falloff)
                              : std::exp(-falloff * d);
       sum[kSumHidden * n + i] += fall;
-    } else {
+    } else if (!c.hiddenAlone) {
       for (uint32_t m = 0; m < 3; ++m) sum[(kSumClear + m) * n + i] += r.direction[m][k];
     }
   }
@@ -331,8 +342,14 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
     accumulator_.reserve(size_t(n) * kSumColumns);
     std::memset(accumulator_.data(), 0, size_t(n) * kSumColumns * sizeof(float));
   }
-  // Sample by sample; for each of them, group by group of points whose rays may share a block.
-  for (; f.raySample < c.samples; ++f.raySample) {
+  // Sample by sample, or as many as fill a block; for each of them, group by group of points whose rays may
+  // share a block.
+  if (c.averaged && !q.aimed) {
+    uint32_t asking = 0;
+    for (uint32_t i = 0; i < batch_.asking; ++i) asking += f.mask[i] != 0;
+    q.run = std::clamp(kMaxRays / std::max(1u, asking), 1u, c.samples);
+  }
+  for (; f.raySample < c.samples; f.raySample += q.run) {
     q.sample = f.raySample;
     if (f.rayPhase == 0) beginGroups(f.mask, q);
     for (;;) {

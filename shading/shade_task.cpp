@@ -254,12 +254,16 @@ void ShadeTask::writeRays(RayQuery& q) const {
   // keep the time of the ray that hit.
   const bool atCamera = !t.timed && jitterRayTimes();
   q.terms.maxDistance *= scale, q.terms.bias *= scale;
+  Vec3 normal(0);
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t lane = r.lane[k];
     q.point[k] = r.single ? cache::kNone : period ? lane % period : lane;
     const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
     const Vec3 direction = linear * Vec3(r.direction[0][k], r.direction[1][k], r.direction[2][k]);
-    const Vec3 normal = r.onSurface[k] ? t.cacheNormal(lane) : Vec3(0);
+    if (!r.onSurface[k])
+      normal = Vec3(0);
+    else if (k == 0 || lane != r.lane[k - 1] || !r.onSurface[k - 1])
+      normal = t.cacheNormal(lane);
     for (int c = 0; c < 3; ++c)
       q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
     q.time[k] = atCamera ? rayTime(r.seed[k]) : t.times[lane];
@@ -283,6 +287,8 @@ void ShadeTask::readAnswers(const RayQuery& q) {
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
   const auto vec = [](const float(&a)[3][kRayRow], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
+  const bool distanceAlone = r.kind == RayKind::kHitTest &&
+                             r.terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether);
   if (r.terms.extras[0] != 0 && r.kind != RayKind::kVisibility)
     for (uint32_t c = 0; c < kMaxExtraAnswers; ++c)
       for (uint32_t k = 0; k < r.count; ++k)
@@ -304,7 +310,7 @@ void ShadeTask::readAnswers(const RayQuery& q) {
       for (int c = 0; c < 3; ++c) r.missP[c][k] = P[c], r.missR[c][k] = R[c];
     }
     if (!hit) continue;
-    if (r.kind == RayKind::kTrace) {
+    if (r.kind == RayKind::kTrace || distanceAlone) {
       r.hitDistance[k] = q.hitDistance[k] * scale;
       continue;
     }

@@ -1,6 +1,7 @@
 // What answering needs at one depth of the ray tree. Internal to tracer/.
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -14,6 +15,9 @@ struct AnswerThread::AskedRay {
   float time, radius, spread;
   cache::NodeId node;
   uint64_t seed;
+
+  float saneRadius() const { return radius >= 0 && std::isfinite(radius) ? radius : 0; }
+  float saneSpread() const { return std::isfinite(spread) ? spread : 0; }
 };
 
 /// A ray on its way through the surfaces that it meets.

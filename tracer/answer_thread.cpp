@@ -71,7 +71,7 @@ bool sharesName(std::string_view list, std::string_view wanted) {
 }
 /// Rays that are answered together. What is not shaded stays in the nearest cache; shading wants many points.
 uint32_t partOf(RayKind kind) {
-  return kind == RayKind::kHitTest ? 64u : kind == RayKind::kVisibility ? 256u : kMaxRays;
+  return kind == RayKind::kHitTest || kind == RayKind::kVisibility ? 256u : kMaxRays;
 }
 float missDistance(RayKind kind) { return kind == RayKind::kHitTest ? kNoHit : kNoHitFullTrace; }
 
@@ -133,6 +133,7 @@ void AnswerThread::answerAt(RayQuery& query, size_t depth) {
   (depth == 0 ? counts_.rays : counts_.nestedRays)[uint32_t(kind)] += all;
   // Shaders' own trace() wants to know what missed.
   const bool full = kind == RayKind::kFullTrace || (kind == RayKind::kTrace && depth > 0);
+  if (kind == RayKind::kHitTest && at.extras.empty()) return answerHitTests(query, all, at);
   const uint32_t part = partOf(kind);
   for (uint32_t first = 0; first < all; first += part) {
     at.count = std::min(part, all - first);
@@ -205,11 +206,11 @@ bool AnswerThread::answerOne(const SingleRayMail& mail, SingleAnswer& answer) {
     put(answer.color, p.through);
   } else {
     answer.hitDistance = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
-    answer.hitNode = hitNode(p);
+    answer.hitNode = hitNode(p.firstHit);
     if (kind != RayKind::kHitTest) put(answer.color, p.color);
     if (full || kind == RayKind::kHitTest) {
       Vec3 P(0), N(0);
-      if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
+      if (p.firstHit.any()) hitPoint(p.ray, p.firstHit, P, N);
       put(answer.hitP, P), put(answer.hitN, N);
     }
     if (full) {
@@ -235,37 +236,24 @@ float AnswerThread::chanceOf(const AskedRay& asked) const {
   return chance;
 }
 
-void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, const Level& at) {
+/// The ray that was asked. False: it makes no sense, or is a segment without length (whose farDistance is 0).
+bool AnswerThread::startRay(Ray& r, const AskedRay& asked, uint32_t mask, const Level& at) {
   const RayScene* scene = tracer_.scene();
-  p.askedOrigin = asked.origin;
-  p.askedDirection = asked.direction;
-  p.seed = asked.seed;
-  p.radius = asked.radius >= 0 && std::isfinite(asked.radius) ? asked.radius : 0;
-  p.spread = std::isfinite(asked.spread) ? asked.spread : 0;
-  const DVec3 d(p.askedDirection);
+  const bool segment = mask & (kOpaqueShadowRay | kFilteredShadowRay);
+  const DVec3 d(asked.direction);
   const double length = glm::length(d);
-  p.sane = scene && std::isfinite(length) && length > 0 && isFinite(p.askedOrigin) &&
-           glm::length(DVec3(p.askedOrigin)) <= double(kFarthestOrigin);
-  p.going = p.sane;
-  p.steps = 0;
-  p.through = Color(1);
-  p.color = Color(0);
-  p.hit = p.firstHit = Hit{};
-  p.missDepth = 0;
-  p.missP = p.missR = Vec3(0);
-  p.volumeOf = kNone, p.inside = false, p.segmentStart = 0;
-  if (!p.sane) {
-    counts_.rejected += 1;
-    return;
-  }
-  Ray& r = p.ray;
   r = Ray{};
+  if (!(scene && std::isfinite(length) && length > 0 && isFinite(asked.origin) &&
+        glm::length(DVec3(asked.origin)) <= double(kFarthestOrigin))) {
+    counts_.rejected += 1;
+    return false;
+  }
   r.direction = Vec3(d / length);
   r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
   r.mask = mask;
-  r.chance = chanceOf(asked);
-  r.radius = p.radius, r.spread = std::max(0.0f, p.spread);
-  r.origin = p.askedOrigin;
+  if (scene->isThinned()) r.chance = chanceOf(asked);
+  r.radius = asked.saneRadius(), r.spread = std::max(0.0f, asked.saneSpread());
+  r.origin = asked.origin;
   if (at.terms.flags & RayTerms::kHasBias)
     r.departure.nearDistance = r.nearDistance = at.terms.bias;
   else
@@ -273,40 +261,85 @@ void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, c
   if (at.limited) r.seen = at.seen.data();
   if (at.terms.flags & RayTerms::kFrontOnly) r.side = 1;
   if (at.terms.flags & RayTerms::kBackOnly) r.side = -1;
-  if (asked.node < tracer_.cache().nodeCount() && isFinite(asked.normal) && asked.normal != Vec3(0)) {
-    p.volumeOf = tracer_.cache().objectOf(asked.node).attributes;
-    p.inside = glm::dot(r.direction, asked.normal) < 0;
+  if (!segment) {
+    if (at.terms.maxDistance > 0) r.farDistance = at.terms.maxDistance;
+    return true;
   }
-  if (at.terms.maxDistance > 0 && !(mask & (kOpaqueShadowRay | kFilteredShadowRay)))
-    r.farDistance = at.terms.maxDistance;
-  if (mask & (kOpaqueShadowRay | kFilteredShadowRay)) {
-    // A segment: its end stays where it is.
-    const DVec3 rest = DVec3(p.askedOrigin) + d - DVec3(r.origin);
-    const double distance = glm::length(rest);
-    if (!(distance > 0) || !(distance < double(kInfinity))) {
-      p.going = false;
-      return;
-    }
-    r.direction = Vec3(rest / distance);
-    r.farDistance = float(distance);
-    r.endsOnSurface = true;
+  // Its end stays where it is.
+  const DVec3 rest = DVec3(asked.origin) + d - DVec3(r.origin);
+  const double distance = glm::length(rest);
+  if (!(distance > 0) || !(distance < double(kInfinity))) {
+    r.farDistance = 0;
+    return false;
+  }
+  r.direction = Vec3(rest / distance);
+  r.farDistance = float(distance);
+  r.endsOnSurface = true;
+  return true;
+}
+
+void AnswerThread::startPath(PathRay& p, const AskedRay& asked, uint32_t mask, const Level& at) {
+  p.askedOrigin = asked.origin;
+  p.askedDirection = asked.direction;
+  p.seed = asked.seed;
+  p.radius = asked.saneRadius();
+  p.spread = asked.saneSpread();
+  p.going = startRay(p.ray, asked, mask, at);
+  p.sane = p.going || p.ray.farDistance == 0;
+  p.steps = 0;
+  p.through = Color(1);
+  p.color = Color(0);
+  p.hit = p.firstHit = Hit{};
+  p.missDepth = 0;
+  p.missP = p.missR = Vec3(0);
+  p.volumeOf = kNone, p.inside = false, p.segmentStart = 0;
+  if (p.sane && asked.node < tracer_.cache().nodeCount() && isFinite(asked.normal) &&
+      asked.normal != Vec3(0)) {
+    p.volumeOf = tracer_.cache().objectOf(asked.node).attributes;
+    p.inside = glm::dot(DVec3(asked.direction), DVec3(asked.normal)) < 0;
   }
 }
 
+/// Each value is read once: the client may be writing.
+AnswerThread::AskedRay AnswerThread::askedRay(const RayQuery& query, uint32_t k) {
+  const volatile RayQuery& q = query;
+  AskedRay asked;
+  for (int c = 0; c < 3; ++c) {
+    asked.origin[c] = q.origin[c][k];
+    asked.direction[c] = q.direction[c][k];
+    asked.normal[c] = q.normal[c][k];
+  }
+  asked.time = q.time[k], asked.radius = q.radius[k], asked.spread = q.spread[k];
+  asked.node = q.node[k];
+  asked.seed = q.seed[k];
+  return asked;
+}
+
 void AnswerThread::readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask) {
-  const volatile RayQuery& q = query;  // each value is read once: the client may be writing
-  for (uint32_t i = 0; i < at.count; ++i) {
-    AskedRay asked;
-    const uint32_t k = first + i;
-    for (int c = 0; c < 3; ++c) {
-      asked.origin[c] = q.origin[c][k];
-      asked.direction[c] = q.direction[c][k];
-      asked.normal[c] = q.normal[c][k];
+  for (uint32_t i = 0; i < at.count; ++i) startPath(at.path[i], askedRay(query, first + i), mask, at);
+}
+
+/// Rays that are asked for nothing but what they hit have no path to keep, and are done one by one.
+void AnswerThread::answerHitTests(RayQuery& query, uint32_t count, const Level& at) {
+  const RayScene* scene = tracer_.scene();
+  const uint32_t mask = rayMask(RayKind::kHitTest, at.terms), flags = at.terms.flags;
+  const bool node = flags & RayTerms::kWantsNode, whether = flags & RayTerms::kOnlyWhether && !node;
+  const bool point = !(flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether));
+  for (uint32_t k = 0; k < count; ++k) {
+    Ray ray;
+    const bool sane = startRay(ray, askedRay(query, k), mask, at);
+    counts_.intersections += sane;
+    if (whether) {
+      query.hitDistance[k] = sane && scene->anyHit(ray) ? 0.0f : kNoHit;
+      continue;
     }
-    asked.time = q.time[k], asked.radius = q.radius[k], asked.spread = q.spread[k];
-    asked.node = q.node[k];
-    asked.seed = q.seed[k];
-    startPath(at.path[i], asked, mask, at);
+    const Hit hit = sane ? scene->closest(ray) : Hit{};
+    query.hitDistance[k] = hit.any() ? hit.distance : kNoHit;
+    if (node) query.hitNode[k] = hitNode(hit);
+    if (!point) continue;
+    Vec3 P(0), N(0);
+    if (hit.any()) hitPoint(ray, hit, P, N);
+    for (int c = 0; c < 3; ++c) query.hitP[c][k] = P[c], query.hitN[c][k] = N[c];
   }
 }
 
@@ -356,10 +389,10 @@ void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQue
       for (int c = 0; c < 3; ++c) query.color[c][k] = color[c];
     }
     if (distance) query.hitDistance[k] = p.firstHit.any() ? p.firstHit.distance : missDistance(kind);
-    if (node) query.hitNode[k] = hitNode(p);
+    if (node) query.hitNode[k] = hitNode(p.firstHit);
     if (!hit) continue;
     Vec3 P(0), N(0);
-    if (p.firstHit.any()) hitPoint(p, p.firstHit, P, N);
+    if (p.firstHit.any()) hitPoint(p.ray, p.firstHit, P, N);
     for (int c = 0; c < 3; ++c) query.hitP[c][k] = P[c], query.hitN[c][k] = N[c];
     if (!full) continue;
     query.missDepth[k] = float(p.missDepth);
@@ -367,17 +400,17 @@ void AnswerThread::writeAnswers(RayKind kind, const Level& at, bool full, RayQue
   }
 }
 
-NodeId AnswerThread::hitNode(const PathRay& path) const {
-  return path.firstHit.any() ? tracer_.scene()->entry(path.firstHit.entry).node : kNone;
+NodeId AnswerThread::hitNode(const Hit& hit) const {
+  return hit.any() ? tracer_.scene()->entry(hit.entry).node : kNone;
 }
 
-void AnswerThread::hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N) {
+void AnswerThread::hitPoint(const Ray& ray, const Hit& hit, Vec3& P, Vec3& N) {
   const SurfaceEntry& e = tracer_.scene()->entry(hit.entry);
   SurfaceOut out;
   for (int c = 0; c < 3; ++c) out.P[c] = &P[c], out.N[c] = &N[c];
   tracer_.cache().evaluateDiced(e.node, 1, &hit.cell, &hit.u, &hit.v, out);
   // The cache evaluates at shutter open; what moves was hit somewhere else.
-  if (e.moving) P = path.ray.origin + hit.distance * path.ray.direction;
+  if (e.moving) P = ray.origin + hit.distance * ray.direction;
 }
 
 Color AnswerThread::attributeOpacity(const Hit& hit) {

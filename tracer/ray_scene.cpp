@@ -90,6 +90,16 @@ Hit RayScene::intersect(const Ray& ray) const {
   return filter.best;
 }
 
+bool RayScene::anyHit(const Ray& asked) const {
+  // As below.
+  Ray ray = asked;
+  ray.direction = nudged(asked.direction);
+  HitFilter filter(this, &ray);
+  RTCRay r = embreeRay(ray);
+  rtcOccluded1(embree_->main.scene, &filter.rtc, &r);
+  return r.tfar < 0 || filter.takeDip();
+}
+
 Obstacle RayScene::obstacle(const Ray& asked) const {
   // Most of these rays meet nothing, so a second one would cost too much: all go a little beside their aim.
   Ray ray = asked;

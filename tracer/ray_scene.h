@@ -148,6 +148,8 @@ class RayScene {
   /// Nearest hit that is not the departing surface, not behind a passed hit, not the back of a one-sided
   /// surface. Equal distances: the lowest (object, patch, cell).
   Hit closest(const Ray& ray) const;
+  /// Whether closest() would find a hit; something grazed within 2^-20 of the direction may count or not.
+  bool anyHit(const Ray& ray) const;
   /// What lies between the near and far distances of a shadow ray, in one traversal: something opaque, or
   /// only what must be asked for its opacity, or nothing.
   Obstacle obstacle(const Ray& ray) const;
@@ -161,6 +163,8 @@ class RayScene {
   void stepBehind(Ray& ray, const Hit& hit) const;
 
   const SurfaceEntry& entry(uint32_t index) const { return entries_[index]; }
+  /// Some surfaces are in transition: rays need a Ray::chance.
+  bool isThinned() const { return thinned_; }
   /// Grows as rays come near clusters.
   size_t entryCount() const { return entries_.size(); }
   /// Entry of a node, or kNone. Dices the cluster that it is in, if nobody has.

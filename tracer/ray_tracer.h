@@ -113,8 +113,11 @@ class AnswerThread {
   void answerAt(RayQuery& query, size_t depth);
   void readTerms(const RayTerms& terms, Level& at);
   float chanceOf(const AskedRay& asked) const;
+  static AskedRay askedRay(const RayQuery& query, uint32_t k);
+  bool startRay(Ray& ray, const AskedRay& asked, uint32_t mask, const Level& at);
   void startPath(PathRay& path, const AskedRay& asked, uint32_t mask, const Level& at);
   void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
+  void answerHitTests(RayQuery& query, uint32_t count, const Level& at);
   void runAt(RayKind kind, Level& at, size_t depth);
   void runVisibility(Level& at, size_t depth);
   void runTrace(Level& at, size_t depth);
@@ -129,8 +132,8 @@ class AnswerThread {
   void shadeMisses(Level& at, size_t depth);
   void shadePoints(Level& at, size_t depth, size_t first, size_t n, ShadePoints& points, Purpose purpose);
   Color attributeOpacity(const Hit& hit);
-  cache::NodeId hitNode(const PathRay& path) const;
-  void hitPoint(const PathRay& path, const Hit& hit, Vec3& P, Vec3& N);
+  cache::NodeId hitNode(const Hit& hit) const;
+  void hitPoint(const Ray& ray, const Hit& hit, Vec3& P, Vec3& N);
 
   RayTracer& tracer_;
   std::vector<std::unique_ptr<Level>> levels_;
