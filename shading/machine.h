@@ -77,23 +77,23 @@ struct Batch {
   const PointVariables* variables = nullptr;  // for getvar(); nullptr: there are none
 };
 
-/// Rays that a run waits for: current space, one element a ray.
+/// Rays that a run waits for: current space, one element a ray, rows as in RayQuery.
 struct PendingRays {
   RayKind kind = RayKind::kTrace;
   uint32_t count = 0;
-  uint32_t lane[kMaxRays];
-  float origin[3][kMaxRays], direction[3][kMaxRays];
-  float radius[kMaxRays], spread[kMaxRays];
-  uint64_t seed[kMaxRays];
-  bool onSurface[kMaxRays];  // starts at the lane's own point: its patch and normal go with the ray
+  uint32_t lane[kRayRow];
+  float origin[3][kRayRow], direction[3][kRayRow];
+  float radius[kRayRow], spread[kRayRow];
+  uint64_t seed[kRayRow];
+  bool onSurface[kRayRow];  // starts at the lane's own point: its patch and normal go with the ray
   bool single = false;       // one ray stands for all points: its operands were uniform
   RayTerms terms;            // lengths in current space
-  float pair[2][kMaxRays];   // the random numbers that chose the direction
+  float pair[2][kRayRow];   // the random numbers that chose the direction
   // Answers, written by the owner before run() is called again.
-  float color[3][kMaxRays];
-  float hitDistance[kMaxRays], missDepth[kMaxRays];
-  float hitP[3][kMaxRays], hitN[3][kMaxRays], missP[3][kMaxRays], missR[3][kMaxRays];
-  float extra[kMaxExtraAnswers][kMaxRays];
+  float color[3][kRayRow];
+  float hitDistance[kRayRow], missDepth[kRayRow];
+  float hitP[3][kRayRow], hitN[3][kRayRow], missP[3][kRayRow], missR[3][kRayRow];
+  float extra[kMaxExtraAnswers][kRayRow];
   /// The answers of an empty scene.
   void missAll();
 };
@@ -198,7 +198,7 @@ class Machine {
   bool ask(Question& q);
   void computeFootprints();
   static Vec3 fromTheEdge(const Operand& P, const DerivativeStencil& d, uint32_t lane);
-  void answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays], const int32_t* mask);
+  void answer(const Operand& out, uint32_t components, const float (*values)[kRayRow], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
   Term term(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const;
   static uint32_t firstActive(const Frame& f);

@@ -350,7 +350,7 @@ bool Machine::ask(Question& q) {
 
 /// Scatters answers into a register. Points that asked nothing get what the first ray got when it stands for
 /// all; the neighbours of a hit get the hit's own.
-void Machine::answer(const Operand& out, uint32_t components, const float (*values)[kMaxRays],
+void Machine::answer(const Operand& out, uint32_t components, const float (*values)[kRayRow],
                      const int32_t* mask) {
   const PendingRays& r = *rays_;
   const uint32_t n = batch_.lanes;

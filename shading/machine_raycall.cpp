@@ -247,7 +247,7 @@ void Machine::averageSums(Frame& f, const Step& s, const RayCall& c) {
     r.lane[r.count++] = i;
     if (r.single) break;
   }
-  const auto mean = [&](uint32_t column, uint32_t components, float(*to)[kMaxRays]) {
+  const auto mean = [&](uint32_t column, uint32_t components, float(*to)[kRayRow]) {
     for (uint32_t k = 0; k < r.count; ++k) {
       const float scale = 1.0f / float(q.samplesAt(r.lane[k]));
       for (uint32_t m = 0; m < components; ++m) to[m][k] = sum[(column + m) * n + r.lane[k]] * scale;

@@ -243,8 +243,10 @@ bool AnswerThread::startRay(Ray& r, const AskedRay& asked, uint32_t mask, const 
   const DVec3 d(asked.direction);
   const double length = glm::length(d);
   r = Ray{};
+  // Lengths of what is nowhere near the limit need not be known.
+  const float farthest = std::max({std::abs(asked.origin.x), std::abs(asked.origin.y), std::abs(asked.origin.z)});
   if (!(scene && std::isfinite(length) && length > 0 && isFinite(asked.origin) &&
-        glm::length(DVec3(asked.origin)) <= double(kFarthestOrigin))) {
+        (farthest < 0.5f * kFarthestOrigin || glm::length(DVec3(asked.origin)) <= double(kFarthestOrigin)))) {
     counts_.rejected += 1;
     return false;
   }
