@@ -111,7 +111,7 @@ struct HitFilter {
   /// False: a facet without area, or of a grid that an instance lacks. `part`: that the hit is of.
   bool describe(const TracedPart& part, float t, const RTCHit& h, Candidate& c,
                 const RayScene::Instance* instance = nullptr) const {
-    uint32_t entryIndex = part.entryOfPrimitive[h.geomID][h.primID];
+    uint32_t entryIndex = part.entryOf(h.geomID, h.primID);
     float gridU = h.u, gridV = h.v;
     if (entryIndex & TracedPart::kStitch) {
       const StitchQuad& s = part.stitches[entryIndex & ~TracedPart::kStitch];

@@ -22,56 +22,55 @@ class PartBuilder {
     for (uint32_t i = 0; i < grids_.size(); ++i) classes[grids_[i].key].push_back(i);
     const auto stitches = closeBorders();
     part_.descriptors.reserve(classes.size() + stitches.size());  // Embree keeps pointers into them
-    for (const auto& [key, members] : classes) attach(key, members);
+    for (const auto& [key, members] : classes)
+      if (key.meshlet)
+        attachMeshlets(key, members);
+      else
+        attachGrids(key, members);
     for (const auto& [key, quads] : stitches) attachStitches(key, quads);
-    counts_.geometries += part_.descriptors.size();
+    counts_.geometries += classes.size() + stitches.size();
   }
 
  private:
-  void attach(const ClassKey& key, const std::vector<uint32_t>& members) {
+  void attachMeshlets(const ClassKey& key, const std::vector<uint32_t>& members) {
+    auto leaves = std::make_unique<MeshletLeaves>(key.keys, key.keyBytes);
+    for (uint32_t m : members) {
+      const GatheredGrid& p = grids_[m];
+      SurfaceEntry& e = grids_[m].entry;
+      e.firstTriangle = leaves->add(first_ + m, reinterpret_cast<const std::byte*>(vertexOf(cache_, p, 0)),
+                                    e.cellsU, cache_.arena().data() + p.indices, e.cellsV);
+      counts_.meshlets += 1;
+      counts_.triangles += e.cellsV;
+    }
+    part_.entryOfPrimitive.emplace_back();
+    attachGeometry(leaves->geometry(device_), key);
+    part_.leaves.resize(part_.entryOfPrimitive.size());
+    part_.leaves.back() = std::move(leaves);
+  }
+
+  void attachGrids(const ClassKey& key, const std::vector<uint32_t>& members) {
     std::vector<uint32_t>& buffer = part_.descriptors.emplace_back();
     std::vector<uint32_t>& entryOf = part_.entryOfPrimitive.emplace_back();
     uint64_t vertexEnd = 0;
-    size_t primitives = 0;
     for (uint32_t m : members) {
-      GatheredGrid& p = grids_[m];
-      SurfaceEntry& e = p.entry;
-      if (key.meshlet) {
-        e.firstTriangle = uint32_t(primitives);
-        const auto* index = reinterpret_cast<const uint8_t*>(cache_.arena().data() + p.indices);
-        for (uint32_t t = 0; t < e.cellsV; ++t) {
-          // Read once; a corner outside of the meshlet becomes its first vertex.
-          for (uint32_t c = 0; c < 3; ++c)
-            if (const uint32_t i = index[3 * t + c]; i < e.cellsU)
-              buffer.push_back(p.startVertex + i);
-            else
-              buffer.push_back(p.startVertex);
-          entryOf.push_back(first_ + m);
-        }
-        primitives += e.cellsV;
-        vertexEnd = std::max<uint64_t>(vertexEnd, uint64_t(p.startVertex) + e.cellsU);
-        counts_.meshlets += 1;
-        counts_.triangles += e.cellsV;
-      } else {
-        uint32_t first = p.startVertex, cellsU = e.cellsU, cellsV = e.cellsV;
-        if (e.stitched) {
-          first += e.inner[2] * p.rowStride + e.inner[0];
-          cellsU = e.inner[1] - e.inner[0], cellsV = e.inner[3] - e.inner[2];
-          if (cellsU == 0) continue;
-        }
-        const RTCGrid grid{first, p.rowStride, uint16_t(cellsU + 1), uint16_t(cellsV + 1)};
-        const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
-        buffer.insert(buffer.end(), words.begin(), words.end());
-        entryOf.push_back(first_ + m);
-        ++primitives;
-        vertexEnd = std::max<uint64_t>(vertexEnd, first + uint64_t(cellsV) * p.rowStride + cellsU + 1u);
-        counts_.grids += 1;
-        counts_.quads += uint64_t(cellsU) * cellsV;
+      const GatheredGrid& p = grids_[m];
+      const SurfaceEntry& e = p.entry;
+      uint32_t first = p.startVertex, cellsU = e.cellsU, cellsV = e.cellsV;
+      if (e.stitched) {
+        first += e.inner[2] * p.rowStride + e.inner[0];
+        cellsU = e.inner[1] - e.inner[0], cellsV = e.inner[3] - e.inner[2];
+        if (cellsU == 0) continue;
       }
+      const RTCGrid grid{first, p.rowStride, uint16_t(cellsU + 1), uint16_t(cellsV + 1)};
+      const auto words = std::bit_cast<std::array<uint32_t, sizeof(RTCGrid) / 4>>(grid);
+      buffer.insert(buffer.end(), words.begin(), words.end());
+      entryOf.push_back(first_ + m);
+      vertexEnd = std::max<uint64_t>(vertexEnd, first + uint64_t(cellsV) * p.rowStride + cellsU + 1u);
+      counts_.grids += 1;
+      counts_.quads += uint64_t(cellsU) * cellsV;
     }
-    addGeometry(key.meshlet ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID, key,
-                cache_.arena().data() + key.window * kWindow, key.keyBytes, uint64_t(12) << key.level,
-                vertexEnd, primitives);
+    addGrids(key, cache_.arena().data() + key.window * kWindow, key.keyBytes, uint64_t(12) << key.level,
+             vertexEnd);
   }
 
   /// Refines borders that no neighbour shows, by the class whose vertices the quadrilaterals share.
@@ -125,27 +124,29 @@ class PartBuilder {
       part_.stitches.push_back(quad);
     }
     counts_.stitchQuads += quads.size();
-    addGeometry(RTC_GEOMETRY_TYPE_GRID, key, reinterpret_cast<const std::byte*>(corners.data()),
-                keyFloats * sizeof(float), 12, 4 * quads.size(), quads.size());
+    addGrids(key, reinterpret_cast<const std::byte*>(corners.data()), keyFloats * sizeof(float), 12,
+             4 * quads.size());
   }
 
   /// Hands the newest buffer of descriptors to Embree, over vertices `step` bytes apart.
-  void addGeometry(RTCGeometryType type, const ClassKey& key, const std::byte* vertices, uint64_t keyBytes,
-                   uint64_t step, uint64_t vertexEnd, size_t primitives) {
+  void addGrids(const ClassKey& key, const std::byte* vertices, uint64_t keyBytes, uint64_t step,
+                uint64_t vertexEnd) {
     std::vector<uint32_t>& buffer = part_.descriptors.back();
+    const size_t primitives = buffer.size() * sizeof(uint32_t) / sizeof(RTCGrid);
     buffer.resize(buffer.size() + 4);  // Embree may load past the last element
 
-    RTCGeometry g = rtcNewGeometry(device_, type);
+    RTCGeometry g = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_GRID);
     rtcSetGeometryTimeStepCount(g, key.keys);
     for (uint32_t k = 0; k < key.keys; ++k)
       rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3, vertices + k * keyBytes, 0,
                                  step, vertexEnd);
-    if (type == RTC_GEOMETRY_TYPE_TRIANGLE)
-      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, buffer.data(), 0, 12,
-                                 primitives);
-    else
-      rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, buffer.data(), 0,
-                                 sizeof(RTCGrid), primitives);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, buffer.data(), 0, sizeof(RTCGrid),
+                               primitives);
+    attachGeometry(g, key);
+  }
+
+  /// Its number in the scene is that of the newest table of entries.
+  void attachGeometry(RTCGeometry g, const ClassKey& key) {
     rtcSetGeometryMask(g, key.mask);
     rtcCommitGeometry(g);
     const unsigned id = rtcAttachGeometry(part_.scene, g);

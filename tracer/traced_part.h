@@ -3,10 +3,12 @@
 
 #include <embree3/rtcore.h>
 
+#include <memory>
 #include <utility>
 #include <vector>
 
 #include "tracer/border_stitch.h"
+#include "tracer/meshlet_leaves.h"
 
 namespace fr::tracer {
 
@@ -16,26 +18,34 @@ struct TracedPart {
 
   RTCScene scene = nullptr;                             // owned; nullptr: no geometry
   std::vector<std::vector<uint32_t>> entryOfPrimitive;  // by Embree's geometry id, then primitive id
+  std::vector<std::unique_ptr<MeshletLeaves>> leaves;   // by geometry id, nullptr or beyond: no meshlets.
+                                                        // Know the entries of their triangles themselves
   std::vector<StitchQuad> stitches;                     // StitchQuad::grid is the entry
   std::vector<std::vector<float>> stitchVertices;       // four corners each, key after key
-  std::vector<std::vector<uint32_t>> descriptors;       // grids or triangle corners, one a geometry; Embree
-                                                        // reads them here
+  std::vector<std::vector<uint32_t>> descriptors;       // of grids, one a geometry; Embree reads them here
   TracedPart() = default;
   TracedPart(TracedPart&& o) noexcept { *this = std::move(o); }
   TracedPart& operator=(TracedPart&& o) noexcept {
     std::swap(scene, o.scene);
     entryOfPrimitive.swap(o.entryOfPrimitive), stitches.swap(o.stitches);
-    stitchVertices.swap(o.stitchVertices), descriptors.swap(o.descriptors);
+    stitchVertices.swap(o.stitchVertices), descriptors.swap(o.descriptors), leaves.swap(o.leaves);
     return *this;
   }
   ~TracedPart() {
     if (scene) rtcReleaseScene(scene);
   }
 
+  /// The entry that a primitive belongs to, or a number of a stitch and kStitch.
+  uint32_t entryOf(uint32_t geometry, uint32_t primitive) const {
+    if (geometry < leaves.size() && leaves[geometry]) return leaves[geometry]->entryOf(primitive);
+    return entryOfPrimitive[geometry][primitive];
+  }
+
   uint64_t recordBytes() const {
     uint64_t n = stitches.size() * sizeof(StitchQuad);
     for (const auto& table : entryOfPrimitive) n += table.size() * sizeof(uint32_t);
     for (const auto& corners : stitchVertices) n += corners.size() * sizeof(float);
+    for (const auto& l : leaves) n += l ? l->bytes() : 0;
     for (const auto& buffer : descriptors) n += buffer.size() * sizeof(uint32_t);
     return n;
   }
