@@ -48,7 +48,9 @@ uint32_t laineKarras(uint32_t x, uint32_t seed) {
   return x;
 }
 uint32_t owenScramble(uint32_t x, uint32_t seed) { return reverseBits(laineKarras(reverseBits(x), seed)); }
-uint32_t seedOf(int dimension, uint32_t seed) { return mix32(seed ^ (0x9e3779b9u * uint32_t(dimension + 1))); }
+uint32_t seedOf(int dimension, uint32_t seed) {
+  return mix32(seed ^ (0x9e3779b9u * uint32_t(dimension + 1)));
+}
 
 uint32_t sobol(uint32_t index, int dimension) {
   uint32_t x = 0;

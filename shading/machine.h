@@ -86,8 +86,8 @@ struct PendingRays {
   float radius[kRayRow], spread[kRayRow];
   uint64_t seed[kRayRow];
   bool onSurface[kRayRow];  // starts at the lane's own point: its patch and normal go with the ray
-  bool single = false;       // one ray stands for all points: its operands were uniform
-  RayTerms terms;            // lengths in current space
+  bool single = false;      // one ray stands for all points: its operands were uniform
+  RayTerms terms;           // lengths in current space
   float pair[2][kRayRow];   // the random numbers that chose the direction
   // Answers, written by the owner before run() is called again.
   float color[3][kRayRow];

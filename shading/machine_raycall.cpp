@@ -205,8 +205,8 @@ void Machine::accumulate(const Frame& f, const RayCall& c) {
   float* const sum = accumulator_.data();
   const bool passes = q.kind == RayKind::kVisibility;
   const bool through = q.terms.extras[0] != 0;
-  const bool environment = !c.hiddenAlone && !c.environment.empty() &&
-                           lookUpEnvironment(f, c.environment, c.environmentIn);
+  const bool environment =
+      !c.hiddenAlone && !c.environment.empty() && lookUpEnvironment(f, c.environment, c.environmentIn);
   const bool colored = q.kind != RayKind::kHitTest;
   for (uint32_t k = 0; k < r.count; ++k) {
     const uint32_t i = r.lane[k];

@@ -287,8 +287,8 @@ void ShadeTask::readAnswers(const RayQuery& q) {
   const Mat3 linear(m);
   const float scale = std::cbrt(std::fabs(glm::determinant(linear)));
   const auto vec = [](const float(&a)[3][kRayRow], uint32_t k) { return Vec3(a[0][k], a[1][k], a[2][k]); };
-  const bool distanceAlone = r.kind == RayKind::kHitTest &&
-                             r.terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether);
+  const bool distanceAlone =
+      r.kind == RayKind::kHitTest && r.terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether);
   if (r.terms.extras[0] != 0 && r.kind != RayKind::kVisibility)
     for (uint32_t c = 0; c < kMaxExtraAnswers; ++c)
       for (uint32_t k = 0; k < r.count; ++k)

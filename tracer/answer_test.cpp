@@ -57,6 +57,34 @@ TEST(Answer, HitTestGivesDistanceInUnitsOfLength) {
   EXPECT_EQ(t.ask(RayKind::kHitTest, {5, 0, 0}, {0, 0, 1}).hitDistance[0], kNoHit);
 }
 
+TEST(Answer, HitTestSaysNoMoreThanIsWanted) {
+  AnalyticScene s;
+  s.add({.center = {0, 0, 4}, .radius = 2, .patchesU = 8, .patchesV = 8});
+  s.add(plane(7), {.opacity = {0.5f, 0.25f, 0}});
+  Fixed t(s);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> at(-1, 1);
+  uint32_t hits = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 from(at(random), at(random), at(random)), direction(at(random), at(random), at(random));
+    t.q->terms = RayTerms{};
+    t.q->terms.maxDistance = i % 2 ? 3.0f : 0.0f;
+    const float distance = t.ask(RayKind::kHitTest, from, direction).hitDistance[0];
+    const float x = t.q->hitP[0][0] = 17;
+    t.q->terms.flags = RayTerms::kOnlyDistance;
+    EXPECT_EQ(t.ask(RayKind::kHitTest, from, direction).hitDistance[0], distance);
+    t.q->terms.flags = RayTerms::kOnlyWhether;
+    EXPECT_EQ(t.ask(RayKind::kHitTest, from, direction).hitDistance[0], distance < kNoHit ? 0.0f : kNoHit);
+    EXPECT_EQ(t.q->hitP[0][0], x);
+    t.q->terms.flags = RayTerms::kOnlyWhether | RayTerms::kWantsNode;
+    t.ask(RayKind::kHitTest, from, direction);
+    EXPECT_EQ(t.q->hitNode[0] != cache::kNone, distance < kNoHit);
+    hits += distance < kNoHit;
+  }
+  EXPECT_GT(hits, 100u);
+  EXPECT_LT(hits, 1700u);
+}
+
 TEST(Answer, VisibilityMultipliesOpacities) {
   AnalyticScene s;
   s.add(plane(1), {.opacity = {0.5f, 0.25f, 0}});

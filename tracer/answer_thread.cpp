@@ -244,7 +244,8 @@ bool AnswerThread::startRay(Ray& r, const AskedRay& asked, uint32_t mask, const 
   const double length = glm::length(d);
   r = Ray{};
   // Lengths of what is nowhere near the limit need not be known.
-  const float farthest = std::max({std::abs(asked.origin.x), std::abs(asked.origin.y), std::abs(asked.origin.z)});
+  const float farthest =
+      std::max({std::abs(asked.origin.x), std::abs(asked.origin.y), std::abs(asked.origin.z)});
   if (!(scene && std::isfinite(length) && length > 0 && isFinite(asked.origin) &&
         (farthest < 0.5f * kFarthestOrigin || glm::length(DVec3(asked.origin)) <= double(kFarthestOrigin)))) {
     counts_.rejected += 1;

@@ -16,6 +16,7 @@ constexpr int kLanes = int(kLeafTriangles);
 using F8 = float __attribute__((vector_size(32)));
 using I8 = int32_t __attribute__((vector_size(32)));
 using F4 = float __attribute__((vector_size(16)));
+using B32 = uint8_t __attribute__((vector_size(32)));
 
 FR_LEAF_INLINE uint32_t bitsOf(const I8& m) {
 #ifdef FR_ISA_sse4
@@ -32,12 +33,12 @@ FR_LEAF_INLINE uint32_t bitsOf(const I8& m) {
 }
 
 /// Coordinate by coordinate, one corner of all triangles.
-FR_LEAF_INLINE void gather(const float* vertices, const uint32_t (&at)[kLanes], F8 (&p)[3]) {
+FR_LEAF_INLINE void gather(const float* vertices, const B32& index, int corner, F8 (&p)[3]) {
   F4 row[kLanes];
-  for (int i = 0; i < kLanes; ++i) std::memcpy(&row[i], vertices + 3 * at[i], sizeof row[i]);
+  for (int i = 0; i < kLanes; ++i)
+    std::memcpy(&row[i], vertices + 3 * uint32_t(index[3 * i + corner]), sizeof row[i]);
   F8 both[4];
-  for (int i = 0; i < 4; ++i)
-    both[i] = __builtin_shufflevector(row[i], row[i + 4], 0, 1, 2, 3, 4, 5, 6, 7);
+  for (int i = 0; i < 4; ++i) both[i] = __builtin_shufflevector(row[i], row[i + 4], 0, 1, 2, 3, 4, 5, 6, 7);
   const F8 &a = both[0], &b = both[1], &c = both[2], &d = both[3];
   const F8 xyOfAB = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
   const F8 xyOfCD = __builtin_shufflevector(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
@@ -71,19 +72,20 @@ bool meetExactly(const float (&x)[3], const float (&y)[3], const float (&z)[3], 
 }  // namespace
 
 void meetLeaf(const LeafRay& ray, const LeafTriangles& triangles, LeafHits& hits) {
+  B32 index{};
+  if (triangles.count == kLeafTriangles)
+    std::memcpy(&index, triangles.indices, 3 * kLeafTriangles);
+  else
+    for (uint32_t i = 0; i < 3 * triangles.count; ++i) index[i] = triangles.indices[i];
+  // Read once: whoever shares the memory may be writing.
+  asm("" : "+m"(index));
+  index &= (B32)(index <= uint8_t(triangles.vertexCount - 1));
   F8 corner[3][3];
-  for (uint32_t c = 0; c < 3; ++c) {
-    uint32_t at[kLanes];
-    // Each index is read once: whoever shares the memory may be writing.
-    const auto* indices = const_cast<const volatile uint8_t*>(triangles.indices);
-    for (uint32_t i = 0; i < kLeafTriangles; ++i) {
-      const uint32_t index = indices[3 * (i < triangles.count ? i : 0) + c];
-      at[i] = index < triangles.vertexCount ? index : 0;
-    }
-    gather(triangles.vertices, at, corner[c]);
+  for (int c = 0; c < 3; ++c) {
+    gather(triangles.vertices, index, c, corner[c]);
     if (!triangles.later) continue;
     F8 later[3];
-    gather(triangles.later, at, later);
+    gather(triangles.later, index, c, later);
     const float part = triangles.part, rest = 1 - part;
     for (int k = 0; k < 3; ++k) corner[c][k] = corner[c][k] * rest + later[k] * part;
   }
@@ -115,7 +117,8 @@ void meetLeaf(const LeafRay& ray, const LeafTriangles& triangles, LeafHits& hits
   // So small numbers have few bits.
   constexpr float kSmall = 1e-30f;
   const uint32_t unsure =
-      bitsOf((first == 0.0f) | (second == 0.0f) | (third == 0.0f) | ((all < kSmall) & (all > -kSmall))) & there;
+      bitsOf((first == 0.0f) | (second == 0.0f) | (third == 0.0f) | ((all < kSmall) & (all > -kSmall))) &
+      there;
   for (uint32_t rest = unsure; rest != 0; rest &= rest - 1) {
     const int i = __builtin_ctz(rest);
     const float x[3] = {p[0].x[i], p[1].x[i], p[2].x[i]};

@@ -108,7 +108,8 @@ TEST(LeafKernel, NoRayPassesBetweenTrianglesOfAClosedMesh) {
     for (uint32_t seed = 1; seed <= 4; ++seed) {
       const Mesh m = ball(seed, place.middle, place.size);
       const auto inside = [&] {
-        return place.middle + place.size * 0.3f * Vec3(unit(random) - 0.5f, unit(random) - 0.5f, unit(random) - 0.5f);
+        return place.middle +
+               place.size * 0.3f * Vec3(unit(random) - 0.5f, unit(random) - 0.5f, unit(random) - 0.5f);
       };
       for (uint32_t i = 0; i < m.triangleCount; ++i) {
         const auto corner = [&](uint32_t c) { return m.vertex(m.indices[3 * i + c]); };
@@ -184,7 +185,7 @@ TEST(LeafKernel, SaysWhatDoublesSay) {
         ASSERT_EQ(hits.mask >> leaf.count, 0u);
         for (uint32_t i = 0; i < leaf.count; ++i) {
           const DVec3 a(m.vertex(leaf.indices[3 * i])), e1 = DVec3(m.vertex(leaf.indices[3 * i + 1])) - a,
-                                                      e2 = DVec3(m.vertex(leaf.indices[3 * i + 2])) - a;
+                                                        e2 = DVec3(m.vertex(leaf.indices[3 * i + 2])) - a;
           const DVec3 n = glm::cross(e1, e2);
           const double det = -glm::dot(d, n);
           const DVec3 s = o - a, q = glm::cross(s, d);
@@ -228,8 +229,8 @@ TEST(LeafKernel, SameBitsOnEverySet) {
   const Mesh m = ball(2, {1, 0, 0}, {1, 1, 1});
   for (int k = 0; k < 3000; ++k) {
     const Vec3 from(unit(random), unit(random), unit(random));
-    const LeafRay ray = rayTo(from, k % 2 ? m.vertex(uint32_t(k) % m.vertexCount)
-                                          : Vec3(unit(random), unit(random), unit(random)));
+    const LeafRay ray = rayTo(
+        from, k % 2 ? m.vertex(uint32_t(k) % m.vertexCount) : Vec3(unit(random), unit(random), unit(random)));
     LeafTriangles t = m.leaf(uint32_t(k) * kLeafTriangles % m.triangleCount);
     if (k % 3 == 0) t.later = m.later.data(), t.part = 0.3f;
     LeafHits one;

@@ -21,8 +21,7 @@ uint32_t MeshletLeaves::add(uint32_t entry, const std::byte* vertices, uint32_t 
   const uint32_t firstLeaf = uint32_t(meshletOfLeaf_.size());
   meshletOfLeaf_.insert(meshletOfLeaf_.end(), (triangleCount + kLeafTriangles - 1) / kLeafTriangles,
                         uint32_t(meshlets_.size()));
-  meshlets_.push_back(
-      {vertices, indices, entry, firstLeaf, uint16_t(vertexCount), uint16_t(triangleCount)});
+  meshlets_.push_back({vertices, indices, entry, firstLeaf, uint16_t(vertexCount), uint16_t(triangleCount)});
   return firstLeaf * kLeafTriangles;
 }
 
@@ -83,10 +82,10 @@ void MeshletLeaves::bounds(const RTCBoundsFunctionArguments* a) {
 
 bool MeshletLeaves::meet(RTCIntersectContext* context, RTCRay& ray, uint32_t number, uint32_t geometryId,
                          bool any) const {
-  static const MeetLeaf kernel = leafKernel();
-  const LeafRay asked{{ray.org_x, ray.org_y, ray.org_z}, {ray.dir_x, ray.dir_y, ray.dir_z}, ray.tnear, ray.tfar};
+  const LeafRay asked{
+      {ray.org_x, ray.org_y, ray.org_z}, {ray.dir_x, ray.dir_y, ray.dir_z}, ray.tnear, ray.tfar};
   LeafHits hits;
-  kernel(asked, leafAt(number, ray.time), hits);
+  kernel_(asked, leafAt(number, ray.time), hits);
   bool taken = false;
   for (uint32_t rest = hits.mask; rest != 0; rest &= rest - 1) {
     const int i = __builtin_ctz(rest);
@@ -99,12 +98,8 @@ bool MeshletLeaves::meet(RTCIntersectContext* context, RTCRay& ray, uint32_t num
     const float far = ray.tfar;
     ray.tfar = hits.distance[i];
     int valid = -1;
-    const RTCFilterFunctionNArguments call{&valid,
-                                           nullptr,
-                                           context,
-                                           reinterpret_cast<RTCRayN*>(&ray),
-                                           reinterpret_cast<RTCHitN*>(&hit),
-                                           1};
+    const RTCFilterFunctionNArguments call{
+        &valid, nullptr, context, reinterpret_cast<RTCRayN*>(&ray), reinterpret_cast<RTCHitN*>(&hit), 1};
     context->filter(&call);
     if (!valid) {
       ray.tfar = far;
@@ -122,14 +117,16 @@ void MeshletLeaves::intersect(const RTCIntersectFunctionNArguments* a) {
   if (!a->valid[0]) return;
   auto& rh = *reinterpret_cast<RTCRayHit*>(a->rayhit);
   // Who asks knows the hit from the filter.
-  if (static_cast<const MeshletLeaves*>(a->geometryUserPtr)->meet(a->context, rh.ray, a->primID, a->geomID, false))
+  if (static_cast<const MeshletLeaves*>(a->geometryUserPtr)
+          ->meet(a->context, rh.ray, a->primID, a->geomID, false))
     rh.hit.geomID = a->geomID, rh.hit.primID = a->primID;
 }
 
 void MeshletLeaves::occluded(const RTCOccludedFunctionNArguments* a) {
   if (!a->valid[0]) return;
   auto& ray = *reinterpret_cast<RTCRay*>(a->ray);
-  if (static_cast<const MeshletLeaves*>(a->geometryUserPtr)->meet(a->context, ray, a->primID, a->geomID, true))
+  if (static_cast<const MeshletLeaves*>(a->geometryUserPtr)
+          ->meet(a->context, ray, a->primID, a->geomID, true))
     ray.tfar = -kInfinity;
 }
 

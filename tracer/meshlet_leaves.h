@@ -55,6 +55,7 @@ class MeshletLeaves {
   std::vector<uint32_t> meshletOfLeaf_;
   uint32_t keys_;
   uint64_t keyBytes_;
+  MeetLeaf kernel_ = leafKernel();
 };
 
 }  // namespace fr::tracer
