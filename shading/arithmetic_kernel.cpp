@@ -187,7 +187,7 @@ void addMasks(KernelTable& t) {
 #ifndef FR_ISA_recorded
   t.lanes = kLanes;
   addRare<DenormalLog>(t), addRare<LargeAngle>(t), addRare<ExtremeLength>(t), addRare<ExtremeNormalize>(t);
-  addRare<Homogeneous>(t);
+  addRare<Homogeneous>(t), addRare<LargeExp>(t), addRare<LargePow>(t);
   t.anyActive = [](const int32_t* mask, uint32_t lanes) {
     VI any{};
     for (uint32_t i = 0; i < lanes; i += kLanes) any |= loadMask(mask, i);

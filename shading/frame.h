@@ -41,6 +41,7 @@ struct Control {
   Kind kind = Kind::kIf;
   Phase phase = Phase::kNext;
   bool anyContinued = false;
+  bool ahead = false;  // kLights: before the machine code that the loop is part of, without its body
   uint32_t begin = 0;  // index of the first instruction of the block
   uint32_t turns = 0;
   int32_t light = -1;    // kLights: index into the task's lights; kGather: sample

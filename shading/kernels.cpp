@@ -10,6 +10,7 @@ namespace fr {
   void addGeometryKernels(KernelTable&);   \
   void addNoiseKernels(KernelTable&);      \
   void addDifferenceKernel(KernelTable&);  \
+  void addRayKernels(KernelTable&);        \
   }
 FR_DECLARE(sse4)
 FR_DECLARE(avx2)
@@ -24,6 +25,7 @@ const KernelTable& kernelsOf(int isa) {
     name::addGeometryKernels(t);        \
     name::addNoiseKernels(t);           \
     name::addDifferenceKernel(t);       \
+    name::addRayKernels(t);             \
     return t;                           \
   }();                                  \
   return table

@@ -75,6 +75,53 @@ struct Difference {
   float* out = nullptr;  // another column than x
 };
 
+/// A column of hashes: hashStep(base, site), then a step down to `counter` or `next` where there is one.
+struct SeedHash {
+  const uint64_t* base = nullptr;  // nullptr: `one` for all lanes
+  uint64_t one = 0, site = 0, next = 0;
+  bool hasNext = false;
+  const uint32_t* counter = nullptr;
+  uint32_t lanes = 0;
+  uint64_t* out = nullptr;   // may be `base`
+  uint32_t* high = nullptr;  // upper halves, where somebody wants them
+};
+/// Columns of sobolOwen2(index, seed).
+struct SobolPairs {
+  uint32_t index = 0, lanes = 0;
+  const uint32_t* seed = nullptr;
+  float *x = nullptr, *y = nullptr;
+};
+/// Surroundings of points, from their neighbours in u and v: [0] and [1], nullptr where there are none.
+struct Footprints {
+  uint32_t lanes = 0;
+  Operand P, givenRadius, givenSpread;
+  const uint16_t *lo[2] = {}, *hi[2] = {};
+  const float *scale[2] = {}, *cell[2] = {};
+  float *radius = nullptr, *spread = nullptr;
+  float* inward = nullptr;  // three columns: a small step into the surface from the border of a grid
+};
+/// Rays of `lanes` points. Columns need not be aligned.
+struct RayMaking {
+  uint32_t lanes = 0;
+  Operand from, direction;  // the second: from `from`, or the end point
+  bool toPoint = false;
+  bool segment = false;          // directions keep their length
+  Operand unit;                  // unit directions
+  const float* shift = nullptr;  // three columns: of the origins
+  Operand P;                     // the points themselves; no data: there are none
+  const float *radius = nullptr, *spread = nullptr, *inward = nullptr;  // Footprints, or nullptr
+  uint32_t shiftComponent = 0, inwardComponent = 0;                     // from one column to the next
+  const uint16_t *lo[2] = {}, *hi[2] = {};  // where spread grows with how directions turn
+  const float *scale[2] = {}, *cell[2] = {};
+  const int32_t* neighbourMask = nullptr;  // nullptr: all neighbours are active
+  Operand cone, samples;  // half angles of cones that directions are chosen from; no data: none
+  bool cosine = false;
+  uint32_t sample = 0;
+  const uint32_t* seed = nullptr;
+  float *origin[3] = {}, *to[3] = {}, *rayRadius = nullptr, *raySpread = nullptr, *pair[2] = {};
+  int32_t* onSurface = nullptr;  // the ray starts at the point itself
+};
+
 struct KernelTable {
   Kernel op[size_t(Op::kCount)] = {};  // nullptr: the machine does it
   Kernel helper[size_t(Helper::kCount)] = {};
@@ -83,6 +130,10 @@ struct KernelTable {
   void (*rare[size_t(RareCase::kCount)])(const float* in, float* results, const int32_t* where) = {};
   uint32_t lanes = 0;  // of one vector
   void (*difference)(const Difference& d) = nullptr;
+  void (*hashSeeds)(const SeedHash& s) = nullptr;
+  void (*sobolPairs)(const SobolPairs& s) = nullptr;
+  void (*footprints)(const Footprints& f) = nullptr;
+  void (*makeRays)(const RayMaking& r) = nullptr;
   /// True when any lane of the mask is set.
   bool (*anyActive)(const int32_t* mask, uint32_t lanes) = nullptr;
   uint32_t (*countActive)(const int32_t* mask, uint32_t lanes) = nullptr;

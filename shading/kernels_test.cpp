@@ -7,9 +7,13 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <limits>
+#include <memory>
 #include <random>
 
 #include "base/isa.h"
+#include "base/random.h"
+#include "base/sobol.h"
 
 namespace fr {
 namespace {
@@ -244,6 +248,107 @@ TEST(Kernels, VectorIdentities) {
   EXPECT_NEAR(f.at(0) / 1.7320508e30f, 1, 1e-5);
   run(0, Op::normalize, {r, v}, 16);
   EXPECT_NEAR(r.at(0, 1), 0.57735027, 1e-6);
+}
+
+TEST(Kernels, SeedsAndPairsAreThoseOfTheScalarFunctions) {
+  constexpr uint32_t n = 64;
+  std::vector<uint64_t> base(n), out(n);
+  std::vector<uint32_t> counter(n), high(n);
+  std::vector<float> x(n), y(n);
+  for (uint32_t i = 0; i < n; ++i) base[i] = hashStep(3, i), counter[i] = i % 5;
+  for (const int isa : availableSets())
+    for (int way = 0; way < 3; ++way) {
+      SeedHash h;
+      h.base = way == 0 ? nullptr : base.data(), h.one = 99, h.site = 1234567890123ull, h.lanes = n;
+      h.next = 7, h.hasNext = way == 1, h.counter = way == 2 ? counter.data() : nullptr;
+      h.out = out.data(), h.high = high.data();
+      kernelsOf(isa).hashSeeds(h);
+      const SobolPairs pairs{uint32_t(5 * way + 1), n, high.data(), x.data(), y.data()};
+      kernelsOf(isa).sobolPairs(pairs);
+      for (uint32_t i = 0; i < n; ++i) {
+        uint64_t want = hashStep(way == 0 ? 99 : base[i], h.site);
+        if (way > 0) want = hashStep(want, way == 1 ? 7 : counter[i]);
+        ASSERT_EQ(out[i], want) << isa << " " << way;
+        ASSERT_EQ(high[i], uint32_t(want >> 32));
+        const Vec2 pair = sobolOwen2(pairs.index, high[i]);
+        ASSERT_EQ(x[i], pair.x);
+        ASSERT_EQ(y[i], pair.y);
+      }
+    }
+}
+
+TEST(Kernels, RaysHaveTheSameBitsOnEverySet) {
+  constexpr uint32_t n = 64, row = 8;
+  Columns registers(n);
+  const Operand P = registers.varying(3), to = registers.varying(3), unit = registers.varying(3);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> value(-1, 1);
+  std::vector<uint16_t> lo[2], hi[2];
+  std::vector<float> ones(n, 1.0f);
+  std::vector<uint32_t> seed(n);
+  for (uint32_t i = 0; i < n; ++i) {
+    const uint32_t at[2] = {i % row, i / row}, step[2] = {1, row};
+    for (int d = 0; d < 2; ++d) {
+      lo[d].push_back(uint16_t(at[d] > 0 ? i - step[d] : i));
+      hi[d].push_back(uint16_t(at[d] + 1 < row ? i + step[d] : i));
+    }
+    const float place[3] = {float(at[0]), float(at[1]), value(random)};
+    float size = 0;
+    for (uint32_t c = 0; c < 3; ++c)
+      P.comp(c)[i] = place[c], to.comp(c)[i] = value(random), size += to.at(i, c) * to.at(i, c);
+    for (uint32_t c = 0; c < 3; ++c) unit.comp(c)[i] = to.at(i, c) / std::sqrt(size);
+    seed[i] = uint32_t(random());
+  }
+  to.comp(1)[62] = std::numeric_limits<float>::infinity();
+  const Operand cone = registers.uniform(1), samples = registers.uniform(1);
+  Columns::setUniform(cone, 0, 0.7f), Columns::setUniform(samples, 0, 4);
+  std::vector<int32_t> mask(n, -1);
+  mask[20] = 0;
+  for (int way = 0; way < 8; ++way) {
+    std::vector<float> first;
+    for (const int isa : availableSets()) {
+      std::vector<float> out(16 * n);
+      std::vector<int32_t> on(n);
+      const auto column = [&](int k) { return out.data() + k * n; };
+      Footprints f;
+      f.lanes = n, f.P = P;
+      RayMaking r;
+      for (int d = 0; d < 2; ++d) {
+        f.lo[d] = r.lo[d] = lo[d].data(), f.hi[d] = r.hi[d] = hi[d].data();
+        f.scale[d] = f.cell[d] = r.scale[d] = r.cell[d] = ones.data();
+      }
+      f.radius = column(0), f.spread = column(1), f.inward = column(2);
+      kernelsOf(isa).footprints(f);
+      r.lanes = n, r.from = r.P = P, r.direction = to, r.unit = unit;
+      r.radius = f.radius, r.spread = f.spread, r.inward = f.inward, r.inwardComponent = n;
+      r.segment = r.toPoint = way & 1;
+      if (way & 2) r.cone = cone, r.samples = samples, r.seed = seed.data(), r.cosine = way & 4, r.sample = 3;
+      if (way & 4) r.neighbourMask = mask.data();
+      for (int c = 0; c < 3; ++c) r.origin[c] = column(5 + c), r.to[c] = column(8 + c);
+      r.rayRadius = column(11), r.raySpread = column(12), r.pair[0] = column(13), r.pair[1] = column(14);
+      r.onSurface = on.data();
+      kernelsOf(isa).makeRays(r);
+      for (uint32_t i = 0; i < n; ++i) {
+        column(15)[i] = float(on[i]);
+        EXPECT_NE(on[i] != 0, i == 62) << "starts at its point";
+        // Into the grid from its borders, nowhere else.
+        const uint32_t x = i % row, y = i / row;
+        const float sideways = column(2)[i], upwards = column(2)[n + i];
+        EXPECT_EQ(sideways, x == 0 ? 0x1p-10f : x == row - 1 ? -0x1p-10f : 0.0f);
+        EXPECT_EQ(upwards, y == 0 ? 0x1p-10f : y == row - 1 ? -0x1p-10f : 0.0f);
+        EXPECT_GE(column(0)[i], 0.5f);
+        if ((way & 1) || i == 62) continue;
+        const double length = std::hypot(double(column(8)[i]), double(column(9)[i]), double(column(10)[i]));
+        const double cosine = double(column(8)[i]) * double(unit.at(i, 0)) +
+                              double(column(9)[i]) * double(unit.at(i, 1)) +
+                              double(column(10)[i]) * double(unit.at(i, 2));
+        EXPECT_NEAR(length, 1, 1e-5);
+        EXPECT_GE(cosine, way & 2 ? std::cos(0.7) - 1e-4 : 0.9999);
+      }
+      if (first.empty()) first = out;
+      EXPECT_EQ(std::memcmp(first.data(), out.data(), out.size() * sizeof(float)), 0) << isa << " " << way;
+    }
+  }
 }
 
 TEST(Kernels, FresnelAndRefraction) {

@@ -46,9 +46,16 @@ void Machine::setGlobals(Frame& f) {
   const Executable& e = f.exe();
   for (const GlobalId id : e.usedGlobals()) {
     const Operand in = batch_.globals[size_t(id)];
-    if (!changesWhileRunning(id, e.program().type) && f.alias(id, in)) continue;
-    f.unalias(id);
     const uint32_t s = e.global(id);
+    const Operand& now = f.symbol(s);
+    // Where the last batch has put it.
+    if (in.data && now.data == in.data && now.component == in.component && now.indexMask == in.indexMask)
+      continue;
+    // What the program writes has always had a register of its own.
+    if (!(e.program().writesGlobals & globalBit(id))) {
+      if (!changesWhileRunning(id, e.program().type) && f.alias(id, in)) continue;
+      f.unalias(id);
+    }
     if (!e.liveAtEntry(s)) continue;
     const Operand out = f.symbol(s);
     const uint32_t n = out.varying() ? f.lanes() : kLanePad;
@@ -76,7 +83,8 @@ void Machine::beginWithKernels(const Batch& batch, const ShaderInstance& shader,
   batch_ = batch;
   partners_ = partners;
   footprintsKnown_ = false;
-  texts_.clear(), textBytes_ = 0;
+  if (!texts_.empty()) texts_.clear();
+  textBytes_ = 0;
   main_.prepare(shader, batch.lanes);
   setGlobals(main_);
   for (const Batch::Override& o : batch.overrides) {
@@ -114,8 +122,9 @@ const NativeCode* Machine::nativeCode(const ShaderInstance& shader) {
   if (shader.exe->has(kProgramUsesLights))
     for (uint32_t k = 0; k < lightCount_; ++k) {
       const LightState& l = *lights_[k];
+      const bool shadowed = l.instance->shadows;
       runLights_.push_back(
-          {l.instance->exe.get(), l.instance->exe->plainLight() && !l.instance->shadows && !l.emitter});
+          {l.instance->exe.get(), l.instance->exe->plainLight() && !shadowed && !l.emitter, shadowed});
     }
   const auto address = reinterpret_cast<uintptr_t>(shader.exe.get());
   KnownNative& known = knownNatives_[(address >> 6 ^ address >> 11) % knownNatives_.size()];
@@ -189,6 +198,10 @@ Machine::Next Machine::execute(Frame& f) {
       continue;
     }
     if (const NativeCode::Run* const run = native ? native->at(f.pc) : nullptr) {
+      if (run->loopAhead != kNoIndex) {
+        const Next n = runLightsAhead(f, run->loopAhead);
+        if (n != Next::kGo) return n;
+      }
       if (run->varyingSteps) {
         if (active == kUncounted) active = kernels().countActive(f.mask, f.lanes());
         statistics_.lanesActive += active * run->varyingSteps;

@@ -82,13 +82,14 @@ struct PendingRays {
   RayKind kind = RayKind::kTrace;
   uint32_t count = 0;
   uint32_t lane[kRayRow];
+  bool inOrder = false;  // ray k is that of lane k
   float origin[3][kRayRow], direction[3][kRayRow];
   float radius[kRayRow], spread[kRayRow];
   uint64_t seed[kRayRow];
-  bool onSurface[kRayRow];  // starts at the lane's own point: its patch and normal go with the ray
-  bool single = false;      // one ray stands for all points: its operands were uniform
-  RayTerms terms;           // lengths in current space
-  float pair[2][kRayRow];   // the random numbers that chose the direction
+  int32_t onSurface[kRayRow];  // not 0: starts at the lane's own point; its patch and normal go with the ray
+  bool single = false;         // one ray stands for all points: its operands were uniform
+  RayTerms terms;              // lengths in current space
+  float pair[2][kRayRow];      // the random numbers that chose the direction
   // Answers, written by the owner before run() is called again.
   float color[3][kRayRow];
   float hitDistance[kRayRow], missDepth[kRayRow];
@@ -138,6 +139,8 @@ class Machine {
   Operand result(GlobalId id) const { return main_.global(id); }
   Operand result(std::string_view name) const;
   MachineStatistics& statistics() { return statistics_; }
+  /// Machine code of the shader that was begun last, nullptr: it runs without. For tests.
+  const NativeCode* code() const { return main_.native(); }
 
   /// Runs a parameter's default-value code at binding; reads values set so far, returns the new one.
   void beginDefaults(const ShaderInstance& shader);
@@ -160,6 +163,7 @@ class Machine {
   void placeAtOrigin(LightState& l, uint32_t lanes);
   float* const* columnsWithLights(Frame& f);
   Next lightTurn(Frame& f);
+  Next runLightsAhead(Frame& f, uint32_t loop);
   void beginLight(LightState& l);
   void collectLight(LightState& l, const int32_t* need);
   bool prepareShadowRays(Frame& f, Control& c, LightState& l);
@@ -176,6 +180,8 @@ class Machine {
   struct RayCall;
   struct Term;
   void describe(Frame& f, const Step& s, RayCall& c);
+  void chooseSums(const Frame& f, const Step& s, RayCall& c) const;
+  void clearSums(const RayCall& c);
   void accumulate(const Frame& f, const RayCall& c);
   void averageSums(Frame& f, const Step& s, const RayCall& c);
   void finish(Frame& f, const Step& s, const RayCall& c, const int32_t* mask);
@@ -197,7 +203,14 @@ class Machine {
   bool nextGroup(Question& q);
   bool ask(Question& q);
   void computeFootprints();
-  static Vec3 fromTheEdge(const Operand& P, const DerivativeStencil& d, uint32_t lane);
+  void listAsking(const Question& q);
+  void listSamples(const Question& q);
+  void hashSeeds(const Question& q, uint64_t* seeds, uint32_t* high) const;
+  void choosePairs(SeedHash h, uint32_t index);
+  void spreadOrigins(const Question& q, uint32_t sample, float* shift) const;
+  void makeRays(const Question& q);
+  void takeRays(const RayMaking& m, const uint64_t* seeds, uint32_t sample);
+  bool mayAsk(const Question& q);
   void answer(const Operand& out, uint32_t components, const float (*values)[kRayRow], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
   Term term(const Frame& f, const Step& s, uint32_t fixed, std::string_view name, float fallback) const;
@@ -265,7 +278,7 @@ class Machine {
   uint32_t lightCount_ = 0;
   std::vector<Frame*> stack_;
   std::unique_ptr<PendingRays> rays_;
-  AlignedFloats scratch_, footprints_, texture_;
+  AlignedFloats scratch_, footprints_, rayColumns_, texture_;
   bool footprintsKnown_ = false;
   std::unordered_set<std::string> texts_;  // made by this batch; nodes stay where they are
   size_t textBytes_ = 0;
@@ -274,14 +287,16 @@ class Machine {
     bool result;
   };
   std::vector<Matched> matched_;
-  ShaderValue answered_;       // by attribute(), option() and their kin
-  AlignedFloats accumulator_;  // of ray operations with several samples, see RayCall
-  AlignedFloats aim_;          // where rays towards a light go: points, normals, factors
-  AlignedFloats missColor_;    // of rays that hit nothing, see lookUpEnvironment()
+  ShaderValue answered_;              // by attribute(), option() and their kin
+  std::unique_ptr<RayCall> rayCall_;  // the one that waits for its rays
+  AlignedFloats accumulator_;         // of ray operations with several samples, see RayCall
+  AlignedFloats aim_;                 // where rays towards a light go: points, normals, factors
+  AlignedFloats missColor_;           // of rays that hit nothing, see lookUpEnvironment()
   /// Points of a ray call: those that have not asked yet, those of the present block; of a gather also who
   /// hit.
   struct Groups {
     std::vector<int32_t> left, now, hits, missed;
+    std::vector<uint32_t> points, first, many;  // who asks, the place of its first ray, and how many it asks
   } groups_;
   std::vector<Vec2> pairs_;  // random numbers for points of a light
   struct ShadeopCalls;       // buffers for calls of shared objects

@@ -83,10 +83,14 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
     case Op::du_f:
     case Op::du_t:
     case Op::dv_f:
-    case Op::dv_t:
+    case Op::dv_t: {
+      const bool aside = !result.varying() || (result.data == a[1].data);
       for (uint32_t c = 0; c < components; ++c)
-        difference(f, a[1], c, s.op == Op::dv_f || s.op == Op::dv_t, false, first.comp(c));
+        difference(f, a[1], c, s.op == Op::dv_f || s.op == Op::dv_t, false,
+                   aside ? first.comp(c) : result.comp(c));
+      if (!aside) return;
       break;
+    }
     case Op::deriv_f:
     case Op::deriv_t:
       for (const bool alongV : {false, true}) {
@@ -116,7 +120,8 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
         from = first.data;
         for (uint32_t i = 0; i < n; ++i) first.data[i] *= d ? std::fabs(d->uCell[i] * d->vCell[i]) : 0.0f;
       } else {
-        for (uint32_t i = 0; i < 3 * n; ++i) third.data[i] *= batch_.orientation;
+        if (batch_.orientation != 1.0f)
+          for (uint32_t i = 0; i < 3 * n; ++i) third.data[i] *= batch_.orientation;
       }
       break;
     default:

@@ -6,7 +6,6 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "base/sobol.h"
 #include "shading/machine_ray.h"
 
 namespace fr {
@@ -44,6 +43,7 @@ bool Machine::matchesCategory(const LightState& l, std::string_view category) co
 void Machine::beginLight(LightState& l) {
   const uint32_t n = batch_.lanes;
   l.begun = true;
+  columnsKnown_ = false;
   const bool sent = l.sentTo;
   l.sentTo = false;
   l.ambient = l.instance->exe->has(kProgramAmbientLight);
@@ -53,7 +53,8 @@ void Machine::beginLight(LightState& l) {
   l.category =
       category && !category->strings.empty() ? std::string_view(category->strings[0]) : std::string_view();
   const size_t columns = l.emitter ? 26 : 19;
-  l.memory.reserve(size_t(n) * columns);
+  // What unlit points hold is never looked at.
+  if (l.memory.reserve(size_t(n) * columns)) std::memset(l.memory.data(), 0, l.memory.size() * sizeof(float));
   float* at = l.memory.data();
   for (Operand* o : {&l.Ps, &l.N, &l.L, &l.Cl, &l.Ol}) *o = Operand{at, n, ~0u}, at += 3 * n;
   for (int32_t** m : {&l.evaluated, &l.lit, &l.shadowed, &l.scratch})
@@ -62,7 +63,7 @@ void Machine::beginLight(LightState& l) {
     for (Operand* o : {&l.emitterP, &l.emitterN}) *o = Operand{at, n, ~0u}, at += 3 * n;
     l.factor = at;
   }
-  std::memset(l.memory.data(), 0, size_t(n) * columns * sizeof(float));
+  for (int32_t* m : {l.evaluated, l.lit, l.shadowed}) std::memset(m, 0, n * sizeof(int32_t));
   l.frame.prepare(*l.instance, n, sent);
   l.frame.useNative(l.instance->exe->native());
   setGlobals(l.frame);
@@ -78,7 +79,8 @@ void Machine::placeAtOrigin(LightState& l, uint32_t lanes) {
 }
 
 /// The columns of a surface followed by those of its lights, for machine code that lights have been written
-/// out in: their parameters and their P are all that it reads.
+/// out in: their parameters and their P are all that it reads. Lights that are not plain add their results
+/// (light_column).
 float* const* Machine::columnsWithLights(Frame& f) {
   if (columnsKnown_) return columns_.data();
   columnsKnown_ = true;
@@ -94,10 +96,20 @@ float* const* Machine::columnsWithLights(Frame& f) {
       l.frame.unalias(GlobalId::k_P);
       placeAtOrigin(l, kLanePad);
     }
-    if (runLights_[k].plain)
+    const bool plain = runLights_[k].plain, known = plain || l.begun;
+    if (known)
       columns_.insert(columns_.end(), l.frame.columns(), l.frame.columns() + e.columnCount());
     else
       columns_.resize(columns_.size() + e.columnCount(), nullptr);
+    if (plain) continue;
+    const size_t results = columns_.size();
+    columns_.resize(results + light_column::kCount, nullptr);
+    for (uint32_t c = 0; known && c < 3; ++c) {
+      columns_[results + light_column::kL + c] = l.L.comp(c);
+      columns_[results + light_column::kCl + c] = l.Cl.comp(c);
+      columns_[results + light_column::kOl + c] = l.Ol.comp(c);
+    }
+    if (known) columns_[results + light_column::kLit] = reinterpret_cast<float*>(l.lit);
   }
   return columns_.data();
 }
@@ -111,14 +123,10 @@ Machine::LightState* Machine::lightOf(const Frame& f) const {
 /// Chooses the point of an area light from which it shines on each of the points of `need`.
 void Machine::placeOnEmitter(LightState& l, const int32_t* need) {
   const uint32_t n = batch_.lanes;
-  if (pairs_.size() < n) pairs_.resize(n);
-  for (uint32_t i = 0; i < n; ++i) {
-    if (!need[i]) continue;
-    // The samples of a point are one low-discrepancy set; points and lights differ in its scramble.
-    const uint64_t seed =
-        hashStep(hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, 0xa4ea11967), l.instance->id);
-    pairs_[i] = sobolOwen2(l.sample, uint32_t(seed >> 32));
-  }
+  // The samples of a point are one low-discrepancy set; points and lights differ in its scramble.
+  SeedHash seeds;
+  seeds.site = 0xa4ea11967, seeds.next = l.instance->id, seeds.hasNext = true;
+  choosePairs(seeds, l.sample);
   l.emitter->sample({l.Ps, pairs_.data(), need, n, l.emitterP, l.emitterN, l.factor});
   for (const auto& [global, from] :
        {std::pair(GlobalId::k_P, l.emitterP), std::pair(GlobalId::k_N, l.emitterN)}) {
@@ -132,9 +140,13 @@ void Machine::dimByEmitter(LightState& l, const int32_t* need) {
   const uint32_t n = batch_.lanes;
   const float share = 1.0f / float(l.samples);
   const bool local = !l.ambient && !l.frame.solar;
-  for (uint32_t c = 0; c < 3; ++c)
-    for (uint32_t i = 0; i < n; ++i)
-      if (need[i]) l.Cl.comp(c)[i] *= local ? share * l.factor[i] : share;
+  for (uint32_t c = 0; c < 3; ++c) {
+    float* const Cl = l.Cl.comp(c);
+    for (uint32_t i = 0; i < n; ++i) {
+      const float dimmed = Cl[i] * (local ? share * l.factor[i] : share);
+      Cl[i] = need[i] ? dimmed : Cl[i];
+    }
+  }
 }
 
 /// illuminate and solar: sets L and narrows the mask to the points that the statement reaches.
@@ -228,6 +240,21 @@ void Machine::applyShadowRays(Control& c, LightState& l) {
       if (c.third[i]) l.Cl.comp(k)[i] *= seen.comp(k)[i];
 }
 
+/// Runs the lights of a loop, and asks their shadow rays, for the code that the loop is part of.
+Machine::Next Machine::runLightsAhead(Frame& f, uint32_t loop) {
+  // Comes here again after a light's shader has returned.
+  const bool open = f.depth > 0 && f.top().ahead && f.top().begin == loop;
+  if (!open) {
+    const size_t bytes = f.lanes() * sizeof(int32_t);
+    Control& c = f.push(Control::Kind::kLights);
+    c.begin = loop;
+    c.ahead = true;
+    std::memcpy(c.saved, f.mask, bytes);
+    std::memcpy(c.other, f.mask, bytes);
+  }
+  return lightTurn(f);
+}
+
 /// Goes on with a light loop: the next light, run if need be, its shadow rays, then the body. Sets the
 /// program counter.
 Machine::Next Machine::lightTurn(Frame& f) {
@@ -245,6 +272,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
       case Control::Phase::kNext: {
         const std::string_view category = ambient ? std::string_view() : text(f, s, 0);
         for (++c.light; c.light < int32_t(lightCount_); ++c.light) {
+          // Those that are written out in the code need not run.
+          if (c.ahead && runLights_[size_t(c.light)].plain) continue;
           LightState& candidate = *lights_[size_t(c.light)];
           if (!candidate.begun) beginLight(candidate);
           // A light that is running cannot light itself.
@@ -254,8 +283,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
         if (c.light >= int32_t(lightCount_) || !any(c.other)) {
           std::memcpy(f.mask, c.saved, bytes);
           f.active = any(f.mask);
+          if (!c.ahead) f.pc = s.jump + 1;
           f.pop();
-          f.pc = s.jump + 1;
           return Next::kGo;
         }
         LightState& l = *lights_[size_t(c.light)];
@@ -293,7 +322,7 @@ Machine::Next Machine::lightTurn(Frame& f) {
           }
           std::memset(l.frame.lit, 0, bytes);
           l.frame.start(c.third);
-          for (uint32_t i = 0; i < n; ++i) statistics_.lightPoints += uint32_t(-c.third[i]);
+          statistics_.lightPoints += kernels().countActive(c.third, n);
           stack_.push_back(&l.frame);
           return Next::kCall;
         }
@@ -305,6 +334,10 @@ Machine::Next Machine::lightTurn(Frame& f) {
         break;
       case Control::Phase::kAimed: {
         LightState& l = *lights_[size_t(c.light)];
+        if (c.ahead && !l.instance->shadows) {
+          c.phase = Control::Phase::kNext;
+          break;
+        }
         std::memcpy(f.mask, c.other, bytes);
         if (!ambient) {
           runHelper(Helper::maskAnd, {mask, mask, maskOperand(l.lit, n)}, n);
@@ -331,8 +364,9 @@ Machine::Next Machine::lightTurn(Frame& f) {
         break;
       case Control::Phase::kBody: {
         LightState& l = *lights_[size_t(c.light)];
-        f.active = any(f.mask);
-        if (!f.active) {
+        // What waits for its lights is active until they are known.
+        f.active = c.ahead || any(f.mask);
+        if (!f.active || c.ahead) {
           c.phase = Control::Phase::kNext;
           break;
         }

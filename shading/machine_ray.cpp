@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <optional>
 #include <string_view>
 #include <tuple>
 
@@ -20,46 +19,6 @@ namespace {
 constexpr float kMostSamples = 4096.0f;
 
 Vec3 at3(const Operand& o, uint32_t lane) { return {o.at(lane, 0), o.at(lane, 1), o.at(lane, 2)}; }
-
-/// Two directions perpendicular to the unit vector n and each other (Duff et al. 2017, JCGT 6(1)).
-void basis(const Vec3& n, Vec3& x, Vec3& y) {
-  const float sign = std::copysign(1.0f, n.z);
-  const float a = -1.0f / (sign + n.z), b = n.x * n.y * a;
-  x = {1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
-  y = {b, sign + n.y * n.y * a, -n.y};
-}
-/// The unit directions within an angle of a unit vector.
-struct Cone {
-  Vec3 axis, x, y;
-  bool cosine;
-  float limit;
-
-  Cone(const Vec3& d, float angle, bool byCosine)
-      : axis(d),
-        cosine(byCosine),
-        limit(cosine ? std::sin(std::min(angle, 1.5707963f)) : 1.0f - std::cos(std::min(angle, 3.1415927f))) {
-    basis(d, x, y);
-  }
-  Vec3 direction(const Vec2& r) const {
-    float z, rho;
-    if (cosine) {
-      rho = limit * std::sqrt(r.x);
-      z = std::sqrt(std::max(0.0f, 1.0f - rho * rho));
-    } else {
-      z = 1.0f - r.x * limit;
-      rho = std::sqrt(std::max(0.0f, 1.0f - z * z));
-    }
-    const float phi = 6.2831853f * r.y;
-    return x * (rho * std::cos(phi)) + y * (rho * std::sin(phi)) + axis * z;
-  }
-};
-/// Unit vector, or 0 when there is no direction to speak of.
-Vec3 unit(const Vec3& v) {
-  const float m = std::max({std::fabs(v.x), std::fabs(v.y), std::fabs(v.z)});
-  if (!(m > 0.0f) || !std::isfinite(m)) return Vec3(0);
-  const Vec3 w = v / m;
-  return w / std::sqrt(glm::dot(w, w));
-}
 }  // namespace
 
 float Machine::Question::coneAt(uint32_t lane) const {
@@ -133,11 +92,12 @@ bool Machine::nextGroup(Question& q) {
 void PendingRays::missAll() {
   std::fill_n(hitDistance, count, kind == RayKind::kFullTrace ? kNoHitFullTrace : kNoHit);
   if (kind == RayKind::kHitTest && terms.flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether)) return;
-  const float c = kind == RayKind::kVisibility ? 1.0f : 0.0f;
+  const size_t bytes = count * sizeof(float);
+  const float passes = kind == RayKind::kVisibility ? 1.0f : 0.0f;
   for (int k = 0; k < 3; ++k) {
-    std::fill_n(color[k], count, c);
-    std::fill_n(hitP[k], count, 0.0f), std::fill_n(hitN[k], count, 0.0f);
-    std::copy_n(origin[k], count, missP[k]), std::copy_n(direction[k], count, missR[k]);
+    std::fill_n(color[k], count, passes);
+    std::memset(hitP[k], 0, bytes), std::memset(hitN[k], 0, bytes);
+    std::memcpy(missP[k], origin[k], bytes), std::memcpy(missR[k], direction[k], bytes);
   }
   std::fill_n(missDepth, count, 1.0f);
   if (terms.extras[0] == 0) return;
@@ -145,48 +105,206 @@ void PendingRays::missAll() {
   for (auto& column : extra) std::fill_n(column, count, value);
 }
 
+namespace {
+/// Columns of rayColumns_: what a question is made of, then rays of all lanes where those of some are wanted.
+enum RayColumn : uint32_t {
+  kUnit = 0,
+  kShift = 3,
+  kCone = 6,
+  kSamples = 7,
+  kHigh = 8,
+  kSeed = 9,  // two columns
+  kOrigin = 11,
+  kTo = 14,
+  kRayRadius = 17,
+  kRaySpread = 18,
+  kPair = 19,
+  kOnSurface = 21,
+  kSampleSeed = 22,  // two columns
+  kRayColumns = 24
+};
+/// Columns of footprints_.
+constexpr uint32_t kRadius = 0, kSpread = 1, kInward = 2, kFootprintColumns = 5;
+
+template <class Record>
+void takeStencil(const DerivativeStencil& d, Record& r) {
+  r.lo[0] = d.uLo.data(), r.hi[0] = d.uHi.data(), r.lo[1] = d.vLo.data(), r.hi[1] = d.vHi.data();
+  r.scale[0] = d.uScale.data(), r.scale[1] = d.vScale.data();
+  r.cell[0] = d.uCell.data(), r.cell[1] = d.vCell.data();
+}
+}  // namespace
+
 /// Radius and spread of every point, once per batch: given for ray hits, from the neighbours of P on grids.
 void Machine::computeFootprints() {
   const uint32_t n = batch_.lanes;
-  footprints_.reserve(size_t(n) * 8);
-  float* radius = footprints_.data();
-  float* spread = radius + n;
-  const Operand P = batch_.globals[size_t(GlobalId::k_P)];
-  const DerivativeStencil* d = batch_.stencil;
-  for (uint32_t i = 0; i < n; ++i) {
-    spread[i] = batch_.spread.data ? batch_.spread.at(i) : 0.0f;
-    if (batch_.footprint.data) {
-      radius[i] = batch_.footprint.at(i);
-    } else if (d && P.data) {
-      // Half of the cell's larger side: the surroundings that this point stands for.
-      const Vec3 du = (at3(P, d->uHi[i]) - at3(P, d->uLo[i])) * (d->uScale[i] * d->uCell[i]);
-      const Vec3 dv = (at3(P, d->vHi[i]) - at3(P, d->vLo[i])) * (d->vScale[i] * d->vCell[i]);
-      radius[i] = 0.5f * std::sqrt(std::max(glm::dot(du, du), glm::dot(dv, dv)));
-    } else {
-      radius[i] = 0.0f;
-    }
-    if (!std::isfinite(radius[i])) radius[i] = 0.0f;
-    if (!std::isfinite(spread[i])) spread[i] = 0.0f;
-  }
+  footprints_.reserve(size_t(n) * kFootprintColumns);
+  Footprints f;
+  f.lanes = n;
+  f.P = batch_.globals[size_t(GlobalId::k_P)];
+  f.givenRadius = batch_.footprint, f.givenSpread = batch_.spread;
+  if (batch_.stencil) takeStencil(*batch_.stencil, f);
+  f.radius = footprints_.data() + size_t(n) * kRadius, f.spread = footprints_.data() + size_t(n) * kSpread;
+  f.inward = footprints_.data() + size_t(n) * kInward;
+  kernels().footprints(f);
   footprintsKnown_ = true;
 }
 
-/// For points at the border of a grid, and the vertices of meshlets: a small step into the surface.
-Vec3 Machine::fromTheEdge(const Operand& P, const DerivativeStencil& d, uint32_t lane) {
-  Vec3 all(0);
-  const Vec3 here = at3(P, lane);
-  const auto step = [&](uint32_t lo, uint32_t hi) {
-    if ((lo == lane) == (hi == lane)) return;
-    const Vec3 side = at3(P, lo == lane ? hi : lo) - here;
-    const float length = glm::length(side);
-    // Of the cell, but not lost in rounding far from the origin.
-    const float far = std::max({std::fabs(here.x), std::fabs(here.y), std::fabs(here.z)});
-    const float part = std::min(std::max(0x1p-10f, 1e-6f * far / length), 0.25f);
-    if (length > 0.0f && isFinite(side)) all += side * part;
+/// Who asks: a ray for each of them, or one for all.
+void Machine::listAsking(const Question& q) {
+  PendingRays& r = *rays_;
+  r.single = !q.from.varying() && !q.direction.varying() && !q.cone.varies() && q.coneAt(0) == 0.0f &&
+             !q.base.varies() && q.baseAt(0) == 0.0f && !q.maxDistance.varies() && !q.bias.varies() &&
+             !q.samples.varies();
+  uint32_t count = 0;
+  for (uint32_t i = 0; i < batch_.asking && count < kMaxRays; ++i) {
+    r.lane[count] = i;
+    count += q.mask[i] ? 1u : 0u;
+  }
+  r.inOrder = count == std::min(batch_.asking, kMaxRays) && !r.single;
+  r.count = r.single ? std::min(count, 1u) : count;
+}
+
+void Machine::hashSeeds(const Question& q, uint64_t* seeds, uint32_t* high) const {
+  const uint32_t n = padLanes(batch_.asking);
+  SeedHash h;
+  h.base = batch_.seed, h.one = batch_.batchSeed, h.site = q.site, h.counter = q.counter;
+  h.lanes = n, h.out = seeds, h.high = high;
+  kernels().hashSeeds(h);
+}
+
+/// pairs_: point `index` of a low-discrepancy set for every lane, by the seeds that `h` makes of the batch's.
+void Machine::choosePairs(SeedHash h, uint32_t index) {
+  const uint32_t n = batch_.lanes;
+  rayColumns_.reserve(size_t(n) * kRayColumns);
+  const auto column = [&](uint32_t c) { return rayColumns_.data() + size_t(c) * n; };
+  h.base = batch_.seed, h.one = batch_.batchSeed, h.lanes = n;
+  h.out = reinterpret_cast<uint64_t*>(column(kSeed)), h.high = reinterpret_cast<uint32_t*>(column(kHigh));
+  kernels().hashSeeds(h);
+  SobolPairs s;
+  s.index = index, s.lanes = n, s.seed = h.high, s.x = column(kUnit), s.y = column(kUnit + 1);
+  kernels().sobolPairs(s);
+  if (pairs_.size() < n) pairs_.resize(n);
+  for (uint32_t i = 0; i < n; ++i) pairs_[i] = {s.x[i], s.y[i]};
+}
+
+/// Origins anywhere on the surroundings that the points stand for: three columns of what to add to them.
+void Machine::spreadOrigins(const Question& q, uint32_t sample, float* shift) const {
+  const uint32_t n = batch_.lanes;
+  const auto side = [&](GlobalId tangent, GlobalId size, uint32_t i, float part) {
+    const Operand along = batch_.globals[size_t(tangent)], length = batch_.globals[size_t(size)];
+    return along.data && length.data ? at3(along, i) * (length.at(i) * part) : Vec3(0);
   };
-  step(d.uLo[lane], d.uHi[lane]);
-  step(d.vLo[lane], d.vHi[lane]);
-  return all;
+  const auto* const seeds = reinterpret_cast<const uint64_t*>(rayColumns_.data() + size_t(kSeed) * n);
+  for (uint32_t i = 0; i < n; ++i) {
+    Vec3 all(0);
+    if (const float base = i < batch_.asking ? q.baseAt(i) : 0.0f; base > 0.0f) {
+      const Vec2 xi = sobolOwen2(sample, uint32_t(seeds[i])) - Vec2(0.5f);
+      all = side(GlobalId::k_dPdu, GlobalId::k_du, i, base) * xi.x +
+            side(GlobalId::k_dPdv, GlobalId::k_dv, i, base) * xi.y;
+      if (!isFinite(all)) all = Vec3(0);
+    }
+    for (uint32_t c = 0; c < 3; ++c) shift[c * n + i] = all[int(c)];
+  }
+}
+
+/// How many of this block's samples each point asks, one after the other.
+void Machine::listSamples(const Question& q) {
+  PendingRays& r = *rays_;
+  groups_.points.assign(r.lane, r.lane + r.count);
+  groups_.first.resize(r.count), groups_.many.resize(r.count);
+  uint32_t count = 0;
+  for (uint32_t j = 0; j < groups_.points.size(); ++j) {
+    const uint32_t end = std::min(q.samplesAt(groups_.points[j]), q.sample + q.run);
+    const uint32_t many = std::min(q.run == 1 ? 1 : end - q.sample, kMaxRays - count);
+    groups_.first[j] = count, groups_.many[j] = many;
+    for (uint32_t k = 0; k < many; ++k) r.lane[count++] = groups_.points[j];
+  }
+  r.count = count;
+  r.inOrder = r.inOrder && q.run == 1;
+}
+
+/// From columns of all points to the rays of those that ask `sample`, counted from the block's first.
+void Machine::takeRays(const RayMaking& m, const uint64_t* seeds, uint32_t sample) {
+  PendingRays& r = *rays_;
+  const auto take = [&](auto* to, const auto* from) {
+    for (uint32_t j = 0; j < groups_.points.size(); ++j)
+      if (sample < groups_.many[j]) to[groups_.first[j] + sample] = from[groups_.points[j]];
+  };
+  for (uint32_t c = 0; c < 3; ++c) take(r.origin[c], m.origin[c]), take(r.direction[c], m.to[c]);
+  for (uint32_t c = 0; c < 2; ++c) take(r.pair[c], m.pair[c]);
+  take(r.radius, m.rayRadius), take(r.spread, m.raySpread), take(r.onSurface, m.onSurface);
+  take(r.seed, seeds);
+}
+
+/// Rays of all points, then of those that ask.
+void Machine::makeRays(const Question& q) {
+  PendingRays& r = *rays_;
+  const uint32_t n = batch_.lanes, asking = padLanes(batch_.asking);
+  rayColumns_.reserve(size_t(n) * kRayColumns);
+  const auto column = [&](uint32_t c) { return rayColumns_.data() + size_t(c) * n; };
+  const bool segment = r.kind == RayKind::kVisibility;
+  // Unit directions, of neighbours too.
+  const Operand unit{column(kUnit), n, ~0u};
+  KernelCall call;
+  call.lanes = n;
+  if (!segment) {
+    const Operand pair[] = {unit, q.direction};
+    call.arg = pair, call.argCount = 2;
+    kernels().op[size_t(Op::normalize)](call);
+  }
+  listSamples(q);
+  const bool direct = r.inOrder && asking <= kMaxRays;
+  const bool wide = q.cone.varies() || q.coneAt(0) > 0.0f, based = q.base.varies() || q.baseAt(0) > 0.0f;
+  const bool samplesVary = q.cone.varies() || q.base.varies() || q.samples.varies();
+  auto* const pointSeeds = reinterpret_cast<uint64_t*>(column(kSeed));
+  auto* const high = reinterpret_cast<uint32_t*>(column(kHigh));
+  hashSeeds(q, pointSeeds, wide ? high : nullptr);
+
+  RayMaking m;
+  m.lanes = asking;
+  m.from = q.from, m.direction = q.direction, m.unit = segment ? q.direction : unit;
+  m.toPoint = q.toPoint, m.segment = segment;
+  m.P = batch_.globals[size_t(GlobalId::k_P)];
+  m.radius = footprints_.data() + size_t(n) * kRadius, m.spread = footprints_.data() + size_t(n) * kSpread;
+  m.inwardComponent = m.shiftComponent = n;
+  const DerivativeStencil* const d = batch_.stencil;
+  if (d && !batch_.copyPeriod) m.inward = footprints_.data() + size_t(n) * kInward;
+  if (d && !r.single && !segment) {
+    takeStencil(*d, m);
+    if (kernels().countActive(q.mask, n) < d->used) m.neighbourMask = q.mask;
+  }
+  if (wide) {
+    float *const cones = column(kCone), *const samples = column(kSamples);
+    for (uint32_t i = 0; i < (samplesVary ? asking : kLanePad); ++i)
+      cones[i] = q.coneAt(i), samples[i] = float(q.samplesAt(i));
+    const uint32_t indexMask = samplesVary ? ~0u : kLanePad - 1;
+    m.cone = {cones, n, indexMask}, m.samples = {samples, n, indexMask};
+    m.cosine = q.cosine, m.seed = high;
+  }
+  for (uint32_t c = 0; c < 3; ++c) {
+    m.origin[c] = direct ? r.origin[c] : column(kOrigin + c);
+    m.to[c] = direct ? r.direction[c] : column(kTo + c);
+  }
+  m.rayRadius = direct ? r.radius : column(kRayRadius), m.raySpread = direct ? r.spread : column(kRaySpread);
+  for (uint32_t c = 0; c < 2; ++c) m.pair[c] = direct ? r.pair[c] : column(kPair + c);
+  m.onSurface = direct ? r.onSurface : reinterpret_cast<int32_t*>(column(kOnSurface));
+  auto* const sampleSeeds = direct ? r.seed : reinterpret_cast<uint64_t*>(column(kSampleSeed));
+  for (uint32_t k = 0; k < q.run; ++k) {
+    m.sample = q.sample + k;
+    if (based) spreadOrigins(q, m.sample, column(kShift)), m.shift = column(kShift);
+    kernels().makeRays(m);
+    // Every sample has a path of its own.
+    std::copy_n(pointSeeds, asking, sampleSeeds);
+    if (samplesVary) {
+      for (uint32_t i = 0; i < batch_.asking; ++i)
+        if (q.samplesAt(i) > 1) sampleSeeds[i] = hashStep(pointSeeds[i], m.sample);
+    } else if (q.samplesAt(0) > 1) {
+      SeedHash h;
+      h.base = pointSeeds, h.out = sampleSeeds, h.site = m.sample, h.lanes = asking;
+      kernels().hashSeeds(h);
+    }
+    if (!direct) takeRays(m, sampleSeeds, k);
+  }
 }
 
 /// Makes rays of a question. True: run() has to return. False: there is nothing to wait for; the answers of
@@ -196,156 +314,39 @@ bool Machine::ask(Question& q) {
   if (!footprintsKnown_) computeFootprints();
   PendingRays& r = *rays_;
   r.kind = q.kind;
-  r.count = 0;
-  r.single = !q.from.varying() && !q.direction.varying() && !q.cone.varies() && q.coneAt(0) == 0.0f &&
-             !q.base.varies() && q.baseAt(0) == 0.0f && !q.maxDistance.varies() && !q.bias.varies() &&
-             !q.samples.varies();
   r.terms = q.terms;
   const bool segment = q.kind == RayKind::kVisibility;
   const bool diffuse = q.terms.rayClass == RayClass::kDiffuse;
   r.terms.diffuseDepth = batch_.diffuseDepth + (diffuse && !segment ? 1u : 0u);
   r.terms.shadowDepth = batch_.shadowDepth + (segment ? 1u : 0u);
-  const Operand P = batch_.globals[size_t(GlobalId::k_P)];
-  const DerivativeStencil* const d = batch_.stencil;
-  const float* const radius = footprints_.data();
-  const float* const spread = radius + batch_.lanes;
-  // Directions, and unit directions, of all lanes.
-  const uint32_t n = batch_.lanes;
-  const Operand raw{footprints_.data() + size_t(n) * 2, n, ~0u},
-      units{footprints_.data() + size_t(n) * 5, n, ~0u};
-  KernelCall call;
-  call.lanes = n;
-  {
-    const Operand args[] = {raw, q.direction, q.from};
-    call.arg = args, call.argCount = 3;
-    if (q.toPoint) {
-      kernels().op[size_t(Op::sub_t)](call);
-    } else {
-      for (uint32_t c = 0; c < 3; ++c)
-        for (uint32_t i = 0; i < n; ++i) raw.comp(c)[i] = q.direction.at(i, c);
-    }
-    const Operand pair[] = {units, raw};
-    call.arg = pair, call.argCount = 2;
-    kernels().op[size_t(Op::normalize)](call);
-  }
-  for (uint32_t i = 0; i < batch_.asking && r.count < kMaxRays; ++i) {
-    if (!q.mask[i]) continue;
-    uint64_t pointSeed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
-    if (q.counter) pointSeed = hashStep(pointSeed, q.counter[i]);
-    const uint32_t samples = q.samplesAt(i);
-    const float base = q.baseAt(i), angle = q.coneAt(i);
-    const auto near = [&](const Vec3& p) {
-      if (!P.data) return false;
-      const Vec3 off = p - at3(P, i);
-      const float limit = 2.0f * radius[i] + 1e-6f * (1.0f + glm::length(p));
-      return glm::dot(off, off) <= limit * limit;
-    };
-    struct Start {
-      Vec3 from, direction;
-      bool onSurface;
-    };
-    const auto startAt = [&](Vec3 from, Vec3 direction) {
-      if (!isFinite(from) || !isFinite(direction)) from = direction = Vec3(0);  // hits nothing
-      bool onSurface = near(from);
-      if (segment && !onSurface && near(from + direction)) {
-        // The same question from the other end: then the tracer knows which surface the ray must not hit by
-        // mistake.
-        from += direction;
-        direction = -direction;
-        onSurface = true;
-      }
-      if (onSurface && d && !batch_.copyPeriod) {
-        // Where surfaces meet in an edge, a point of the one lies exactly on the other: its rays must start
-        // on the near side of that, or half of them would leave through the corner of a closed room.
-        const Vec3 inward = fromTheEdge(P, *d, i);
-        from += inward;
-        if (segment) direction -= inward;
-      }
-      if (!segment) direction = isFinite(at3(units, i)) ? at3(units, i) : Vec3(0);
-      return Start{from, direction, onSurface};
-    };
-    float widest = spread[i];
-    if (d && d->uScale[i] != 0.0f && !r.single && !segment) {
-      // How much the direction turns over the footprint.
-      const auto turn = [&](uint32_t lo, uint32_t hi, float scale) {
-        if (!q.mask[lo] || !q.mask[hi]) return 0.0f;
-        const Vec3 t = at3(units, hi) - at3(units, lo);
-        const float squared = glm::dot(t, t) * scale * scale * 0.25f;
-        return std::isfinite(squared) ? squared : 0.0f;
-      };
-      const float u = turn(d->uLo[i], d->uHi[i], d->uScale[i] * d->uCell[i]);
-      const float v = turn(d->vLo[i], d->vHi[i], d->vScale[i] * d->vCell[i]);
-      widest = std::min(1.0f, std::max(widest, std::sqrt(std::max(u, v))));
-    }
-    // The samples share the cone's solid angle.
-    if (angle > 0.0f)
-      widest = std::min(1.0f, std::max(widest, std::sqrt(2.0f * (1.0f - std::cos(angle)) / float(samples))));
-
-    Start start = startAt(at3(q.from, i), at3(raw, i));
-    std::optional<Cone> cone;
-    float length = 1.0f;
-    const uint32_t end = std::min(samples, q.sample + q.run);
-    for (uint32_t sample = q.sample; sample < end && r.count < kMaxRays; ++sample) {
-      if (base > 0.0f) {
-        // Anywhere on the surroundings that the point stands for.
-        const Vec2 xi = sobolOwen2(sample, uint32_t(pointSeed)) - Vec2(0.5f);
-        const auto side = [&](GlobalId tangent, GlobalId size) {
-          const Operand along = batch_.globals[size_t(tangent)], extent = batch_.globals[size_t(size)];
-          return along.data && extent.data ? at3(along, i) * (extent.at(i) * base) : Vec3(0);
-        };
-        Vec3 shift =
-            side(GlobalId::k_dPdu, GlobalId::k_du) * xi.x + side(GlobalId::k_dPdv, GlobalId::k_dv) * xi.y;
-        if (!isFinite(shift)) shift = Vec3(0);
-        start = startAt(at3(q.from, i) + shift, q.toPoint ? at3(raw, i) - shift : at3(raw, i));
-      }
-      const uint32_t k = r.count++;
-      r.radius[k] = radius[i];
-      r.spread[k] = widest;
-      r.onSurface[k] = start.onSurface;
-      Vec3 direction = start.direction;
-      r.pair[0][k] = r.pair[1][k] = 0.5f;
-      if (angle > 0.0f) {
-        const Vec2 xi = sobolOwen2(sample, uint32_t(pointSeed >> 32));
-        r.pair[0][k] = xi.x, r.pair[1][k] = xi.y;
-        if (!cone || base > 0.0f) {
-          if (segment) length = glm::length(direction);
-          cone.emplace(segment ? unit(direction) : direction, angle, q.cosine);
-        }
-        direction = cone->direction(xi) * length;
-      }
-      r.seed[k] = samples > 1 ? hashStep(pointSeed, sample) : pointSeed;
-      r.lane[k] = i;
-      for (int c = 0; c < 3; ++c) r.origin[c][k] = start.from[c], r.direction[c][k] = direction[c];
-    }
-    if (r.single) break;
-  }
+  listAsking(q);
   if (r.count == 0) return false;
-  if (!segment) {
+  makeRays(q);
+  if (mayAsk(q)) return true;
+  r.missAll();
+  return false;
+}
+
+bool Machine::mayAsk(const Question& q) {
+  const RayTerms& t = rays_->terms;
+  if (q.kind != RayKind::kVisibility) {
     // Level of the new rays, less the diffuse ones and those of shadows.
-    const uint32_t level = batch_.level + 1, others = r.terms.diffuseDepth + r.terms.shadowDepth;
+    const uint32_t level = batch_.level + 1, others = t.diffuseDepth + t.shadowDepth;
     const uint32_t specularDepth = level > others ? level - others : 0;
-    if (diffuse ? r.terms.diffuseDepth > batch_.maxDiffuseDepth : specularDepth > batch_.maxSpecularDepth) {
-      r.missAll();
+    if (t.rayClass == RayClass::kDiffuse ? t.diffuseDepth > batch_.maxDiffuseDepth
+                                         : specularDepth > batch_.maxSpecularDepth)
       return false;
-    }
   }
-  if (q.noRays) {
-    r.missAll();
-    return false;
-  }
-  if (!batch_.raysAllowed) {
-    reportOnce(
-        "shading.rays." + main_.exe().program().name,
-        Error{RiError::kIncapable,
-              Severity::kWarning,
-              {},
-              fmt::format(
-                  "shader \"{}\" asks for rays where there are none (displacement or imager): they miss",
-                  main_.exe().program().name)});
-    r.missAll();
-    return false;
-  }
-  return true;
+  if (q.noRays) return false;
+  if (batch_.raysAllowed) return true;
+  reportOnce("shading.rays." + main_.exe().program().name,
+             Error{RiError::kIncapable,
+                   Severity::kWarning,
+                   {},
+                   fmt::format(
+                       "shader \"{}\" asks for rays where there are none (displacement or imager): they miss",
+                       main_.exe().program().name)});
+  return false;
 }
 
 /// Scatters answers into a register. Points that asked nothing get what the first ray got when it stands for
@@ -354,16 +355,21 @@ void Machine::answer(const Operand& out, uint32_t components, const float (*valu
                      const int32_t* mask) {
   const PendingRays& r = *rays_;
   const uint32_t n = batch_.lanes;
+  if (r.count == 0) return;
+  int32_t all = r.inOrder ? -1 : 0;
+  for (uint32_t k = 0; r.inOrder && k < r.count; ++k) all &= mask[k];
   for (uint32_t c = 0; c < components; ++c) {
     float* const to = out.comp(c);
-    if (r.count == 0) continue;
     if (!out.varying()) {
       std::fill_n(to, kLanePad, values[c][0]);
     } else if (r.single) {
       for (uint32_t i = 0; i < n; ++i) to[i] = mask[i] ? values[c][0] : to[i];
     } else {
-      for (uint32_t k = 0; k < r.count; ++k)
-        if (mask[r.lane[k]]) to[r.lane[k]] = values[c][k];
+      if (all)
+        std::memcpy(to, values[c], r.count * sizeof(float));
+      else
+        for (uint32_t k = 0; k < r.count; ++k)
+          if (mask[r.lane[k]]) to[r.lane[k]] = values[c][k];
       if (batch_.copyPeriod)
         for (uint32_t i = batch_.copyPeriod; i < n; ++i) to[i] = mask[i] ? to[i % batch_.copyPeriod] : to[i];
     }

@@ -56,12 +56,14 @@ struct Machine::RayCall {
   uint32_t samples = 1;  // the most that any point wants
   Term falloff;
   bool polynomial = false;         // falloffmode 1
-  bool hiddenAlone = false;        // nothing but how much is hidden is wanted
+  bool sums[5] = {};               // which of the running sums somebody asks for
   std::string_view environment;    // map for rays that hit nothing, "" none
   std::string_view environmentIn;  // its coordinate system
 };
 
-/// Columns of the running sums: color, hidden fraction, transmission, unoccluded direction, environment.
+/// Running sums of an averaged call, and their columns: color, hidden fraction, transmission, unoccluded
+/// direction, environment.
+enum RaySum : uint32_t { kOfColor, kOfHidden, kOfThrough, kOfClear, kOfEnvironment };
 inline constexpr uint32_t kSumColor = 0, kSumHidden = 3, kSumThrough = 4, kSumClear = 7, kSumEnvironment = 10,
                           kSumColumns = 13;
 

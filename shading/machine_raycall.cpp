@@ -5,7 +5,6 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "base/sobol.h"
 #include "shading/machine_light.h"
 #include "shading/machine_ray.h"
 
@@ -143,19 +142,37 @@ void Machine::describe(Frame& f, const Step& s, RayCall& c) {
     c.environmentIn = optionString(f, s, c.fixed, "environmentspace");
   }
   if (c.result == Result::kHit || c.result == Result::kFull) c.environment = {};
-  if (c.result == Result::kHidden) {
-    const auto wanted = [&](std::string_view name) {
-      const Operand* out = option(f, s, c.fixed, name);
-      return out && isWritten(f, s, uint32_t(out - a));
-    };
-    c.hiddenAlone = !wanted("transmission") && !wanted("environmentdir") && !wanted("environmentcolor");
+  if (c.result == Result::kHidden)
     q.terms.flags |= c.falloff.given.data ? RayTerms::kOnlyDistance : RayTerms::kOnlyWhether;
-  }
   if (c.result == Result::kDistance) q.terms.flags |= RayTerms::kOnlyDistance;
   bool through = !c.environment.empty() && q.kind == RayKind::kTrace;
   if (const Operand* out = s.op == Op::trace_t ? option(f, s, c.fixed, "transmission") : nullptr)
     through |= isWritten(f, s, uint32_t(out - a));
   if (through) copyText(q.terms.extras, "3 ray:transmission\n"), c.averaged = true;
+  if (c.averaged) chooseSums(f, s, c);
+}
+
+/// Which running sums the call's results are made of.
+void Machine::chooseSums(const Frame& f, const Step& s, RayCall& c) const {
+  const auto wanted = [&](std::string_view name) {
+    const Operand* const out = option(f, s, c.fixed, name);
+    return out && isWritten(f, s, uint32_t(out - f.args(s)));
+  };
+  c.sums[kOfColor] = c.result != RayCall::Result::kHidden;
+  c.sums[kOfHidden] = c.result == RayCall::Result::kHidden || wanted("occlusion");
+  c.sums[kOfThrough] = wanted("transmission");
+  c.sums[kOfClear] = wanted("environmentdir");
+  c.sums[kOfEnvironment] = wanted("environmentcolor");
+}
+
+void Machine::clearSums(const RayCall& c) {
+  const uint32_t n = batch_.lanes;
+  accumulator_.reserve(size_t(n) * kSumColumns);
+  constexpr uint32_t kFirst[] = {kSumColor, kSumHidden, kSumThrough, kSumClear, kSumEnvironment, kSumColumns};
+  for (uint32_t k = 0; k < std::size(c.sums); ++k)
+    if (c.sums[k])
+      std::memset(accumulator_.data() + size_t(n) * kFirst[k], 0,
+                  size_t(n) * (kFirst[k + 1] - kFirst[k]) * sizeof(float));
 }
 
 /// The ends of rays towards a light, in aim_: the one that asks, or the one that lights the points now.
@@ -175,12 +192,9 @@ bool Machine::aimAtLight(Frame& f, const RayCall& c) {
   const Question& q = c.question;
   if (light->instance->emitter && light->instance->emitter->ready() && own) {
     // Points of its geometry, other ones than those it is lit by.
-    if (pairs_.size() < n) pairs_.resize(n);
-    for (uint32_t i = 0; i < n; ++i) {
-      uint64_t seed = hashStep(batch_.seed ? batch_.seed[i] : batch_.batchSeed, q.site);
-      if (q.counter) seed = hashStep(seed, q.counter[i]);
-      pairs_[i] = sobolOwen2(q.sample, uint32_t(seed >> 32));
-    }
+    SeedHash seeds;
+    seeds.site = q.site, seeds.counter = q.counter;
+    choosePairs(seeds, q.sample);
     light->instance->emitter->sample(
         {q.from, pairs_.data(), q.mask, n, to, normals, aim_.data() + size_t(n) * 6});
     return true;
@@ -202,35 +216,44 @@ void Machine::accumulate(const Frame& f, const RayCall& c) {
   const PendingRays& r = *rays_;
   const Question& q = c.question;
   const uint32_t n = batch_.lanes;
-  float* const sum = accumulator_.data();
   const bool passes = q.kind == RayKind::kVisibility;
   const bool through = q.terms.extras[0] != 0;
-  const bool environment =
-      !c.hiddenAlone && !c.environment.empty() && lookUpEnvironment(f, c.environment, c.environmentIn);
-  const bool colored = q.kind != RayKind::kHitTest;
-  for (uint32_t k = 0; k < r.count; ++k) {
-    const uint32_t i = r.lane[k];
-    const float farthest = q.maxDistance.at(i);
-    const bool hit = !passes && r.hitDistance[k] < farthest;
-    for (uint32_t m = 0; m < 3 && !c.hiddenAlone; ++m) {
-      // What is missed has a colour where a volume fills the way.
-      const float passed = through ? r.extra[m][k] : hit ? 0.0f : 1.0f;
-      const float beyond = environment ? passed * missColor_.data()[m * kMaxRays + k] : 0.0f;
-      sum[(kSumColor + m) * n + i] += (colored ? r.color[m][k] : 0.0f) + beyond;
-      sum[(kSumThrough + m) * n + i] += passed;
-      sum[(kSumEnvironment + m) * n + i] += beyond;
-    }
-    if (hit) {
-      const float d = r.hitDistance[k], falloff = c.falloff.at(i);
-      const float fall = !(falloff > 0.0f) ? 1.0f
-                         : c.polynomial && farthest < 1e29f
-                             ? std::pow(std::max(0.0f, 1.0f - d / farthest), falloff)
-                             : std::exp(-falloff * d);
-      sum[kSumHidden * n + i] += fall;
-    } else if (!c.hiddenAlone) {
-      for (uint32_t m = 0; m < 3; ++m) sum[(kSumClear + m) * n + i] += r.direction[m][k];
-    }
+  const bool environment = (c.sums[kOfColor] || c.sums[kOfEnvironment]) && !c.environment.empty() &&
+                           lookUpEnvironment(f, c.environment, c.environmentIn);
+  const auto add = [&](uint32_t column, const auto& value) {
+    float* const sum = accumulator_.data() + size_t(column) * n;
+    if (r.inOrder)
+      for (uint32_t k = 0; k < r.count; ++k) sum[k] += value(k);
+    else
+      for (uint32_t k = 0; k < r.count; ++k) sum[r.lane[k]] += value(k);
+  };
+  const bool farVaries = q.maxDistance.varies();
+  const float farthest = q.maxDistance.at(0);
+  const auto hits = [&](uint32_t k) {
+    return !passes && r.hitDistance[k] < (farVaries ? q.maxDistance.at(r.lane[k]) : farthest);
+  };
+  for (uint32_t m = 0; m < 3; ++m) {
+    // What is missed has a colour where a volume fills the way.
+    const auto passed = [&](uint32_t k) { return through ? r.extra[m][k] : hits(k) ? 0.0f : 1.0f; };
+    const auto beyond = [&](uint32_t k) { return passed(k) * missColor_.data()[m * kMaxRays + k]; };
+    if (c.sums[kOfColor] && environment)
+      add(kSumColor + m, [&](uint32_t k) { return r.color[m][k] + beyond(k); });
+    else if (c.sums[kOfColor])
+      add(kSumColor + m, [&](uint32_t k) { return r.color[m][k]; });
+    if (c.sums[kOfThrough]) add(kSumThrough + m, passed);
+    if (c.sums[kOfClear]) add(kSumClear + m, [&](uint32_t k) { return hits(k) ? 0.0f : r.direction[m][k]; });
+    if (c.sums[kOfEnvironment] && environment) add(kSumEnvironment + m, beyond);
   }
+  if (!c.sums[kOfHidden]) return;
+  if (!c.falloff.varies() && !(c.falloff.at(0) > 0.0f))
+    return add(kSumHidden, [&](uint32_t k) { return hits(k) ? 1.0f : 0.0f; });
+  add(kSumHidden, [&](uint32_t k) {
+    const float limit = q.maxDistance.at(r.lane[k]), falloff = c.falloff.at(r.lane[k]);
+    if (!hits(k)) return 0.0f;
+    if (!(falloff > 0.0f)) return 1.0f;
+    return c.polynomial && limit < 1e29f ? std::pow(std::max(0.0f, 1.0f - r.hitDistance[k] / limit), falloff)
+                                         : std::exp(-falloff * r.hitDistance[k]);
+  });
 }
 
 /// From sums of all samples of all points to the answers that finish() knows: means, by point.
@@ -241,16 +264,19 @@ void Machine::averageSums(Frame& f, const Step& s, const RayCall& c) {
   const uint32_t n = batch_.lanes;
   const float* const sum = accumulator_.data();
   // The last block may have held some of the points alone.
-  r.count = 0;
-  for (uint32_t i = 0; i < batch_.asking && r.count < kMaxRays; ++i) {
-    if (!f.mask[i]) continue;
-    r.lane[r.count++] = i;
-    if (r.single) break;
-  }
+  Question all = q;
+  all.mask = f.mask;
+  listAsking(all);
+  const bool samplesVary = q.samples.varies() || q.cone.varies() || q.base.varies();
+  const float common = 1.0f / float(q.samplesAt(0));
   const auto mean = [&](uint32_t column, uint32_t components, float(*to)[kRayRow]) {
-    for (uint32_t k = 0; k < r.count; ++k) {
-      const float scale = 1.0f / float(q.samplesAt(r.lane[k]));
-      for (uint32_t m = 0; m < components; ++m) to[m][k] = sum[(column + m) * n + r.lane[k]] * scale;
+    for (uint32_t m = 0; m < components; ++m) {
+      const float* const from = sum + size_t(column + m) * n;
+      if (r.inOrder && !samplesVary)
+        for (uint32_t k = 0; k < r.count; ++k) to[m][k] = from[k] * common;
+      else
+        for (uint32_t k = 0; k < r.count; ++k)
+          to[m][k] = from[r.lane[k]] * (samplesVary ? 1.0f / float(q.samplesAt(r.lane[k])) : common);
     }
   };
   const auto output = [&](std::string_view name, uint32_t column, bool unit, uint32_t components = 3) {
@@ -335,16 +361,18 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
     for (uint32_t c = 0; c < 3; ++c) std::fill_n(a[0].comp(c), a[0].varying() ? n : kLanePad, 0.0f);
     return Next::kGo;
   }
-  RayCall c;
-  describe(f, s, c);
-  Question& q = c.question;
-  if (f.rayPhase == 0 && c.averaged) {
-    accumulator_.reserve(size_t(n) * kSumColumns);
-    std::memset(accumulator_.data(), 0, size_t(n) * kSumColumns * sizeof(float));
+  // Comes here again when the rays are answered.
+  if (!rayCall_) rayCall_ = std::make_unique<RayCall>();
+  RayCall& c = *rayCall_;
+  if (f.rayPhase == 0) {
+    c = RayCall();
+    describe(f, s, c);
+    if (c.averaged) clearSums(c);
   }
+  Question& q = c.question;
   // Sample by sample, or as many as fill a block; for each of them, group by group of points whose rays may
   // share a block.
-  if (c.averaged && !q.aimed) {
+  if (f.rayPhase == 0 && c.averaged && !q.aimed) {
     uint32_t asking = 0;
     for (uint32_t i = 0; i < batch_.asking; ++i) asking += f.mask[i] != 0;
     q.run = std::clamp(kMaxRays / std::max(1u, asking), 1u, c.samples);

@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "shading/machine_light.h"
+#include "shading/machine_ray.h"
 
 namespace fr {
 

@@ -15,28 +15,27 @@ constexpr uint32_t kMostNodes = 8000;
 
 struct Range {
   uint32_t begin, end;
+  bool blocks = true;  // whole blocks may be part of it
 };
 
-/// Instructions that can be recorded in a row, with whole blocks or without.
-std::vector<Range> findRuns(const RunRecorder& recorder, uint32_t begin, uint32_t end, bool blocks) {
-  std::vector<Range> runs;
+/// Adds runs of instructions that can be recorded in a row.
+void findRuns(const RunRecorder& recorder, const Range& within, std::vector<Range>& runs) {
   uint32_t nodes = 0;
-  for (uint32_t i = begin; i < end;) {
+  for (uint32_t i = within.begin; i < within.end;) {
     RunRecorder::Extent e = recorder.instruction(i);
-    if (!blocks && e.end != i + 1) e = {};
+    if (!within.blocks && e.end != i + 1) e = {};
     if (e.end == 0) {
       nodes = 0;
       ++i;
       continue;
     }
     if (nodes == 0 || nodes > kMostNodes) {
-      runs.push_back({i, i});
+      runs.push_back({i, i, within.blocks});
       nodes = 0;
     }
     runs.back().end = i = e.end;
     nodes += e.nodes;
   }
-  return runs;
 }
 
 /// Compiles run after run into one piece of memory.
@@ -50,9 +49,9 @@ class Compilation {
         liveness_(program_, exe.varyingControl()) {}
 
   void compileAll() {
-    const auto end = uint32_t(program_.code.size());
-    for (const Range& failed : compile(findRuns(recorder_, program_.bodyBegin, end, true)))
-      compile(findRuns(recorder_, failed.begin, failed.end, false));
+    std::vector<Range> runs;
+    findRuns(recorder_, {program_.bodyBegin, uint32_t(program_.code.size())}, runs);
+    while (!runs.empty()) runs = compile(runs);
   }
 
   struct Result {
@@ -64,16 +63,17 @@ class Compilation {
   std::vector<Result> results;
 
  private:
-  /// Returns those that could not be compiled.
+  /// Returns what remains to be tried.
   std::vector<Range> compile(const std::vector<Range>& ranges) {
     std::vector<uint32_t> ends;
     for (const Range& r : ranges) ends.push_back(r.end);
     const std::vector<Liveness::Bits> live = liveness_.before(ends);  // what is read behind each run
-    std::vector<Range> failed;
+    std::vector<Range> rest;
     for (size_t k = 0; k < ranges.size(); ++k)
-      if (!compile(ranges[k], live[k])) failed.push_back(ranges[k]);
-    return failed;
+      if (!compile(ranges[k], live[k])) divide(ranges[k], rest);
+    return rest;
   }
+  void divide(const Range& failed, std::vector<Range>& parts) const;
   bool compile(const Range& range, const Liveness::Bits& live);
   bool listOutputs(const Range& range, const Liveness::Bits& live, std::vector<RunOutput>& outputs) const;
 
@@ -114,6 +114,19 @@ bool Compilation::listOutputs(const Range& range, const Liveness::Bits& live,
   return true;
 }
 
+/// What to try instead of a run that could not be compiled.
+void Compilation::divide(const Range& failed, std::vector<Range>& parts) const {
+  const uint32_t at = recorder_.failedFor();
+  if (at == kNoIndex) {
+    if (failed.blocks) findRuns(recorder_, {failed.begin, failed.end, false}, parts);
+  } else if (at > failed.begin) {
+    findRuns(recorder_, {failed.begin, at}, parts);
+    findRuns(recorder_, {at, failed.end}, parts);
+  } else {
+    findRuns(recorder_, {at + 1, failed.end}, parts);  // the block stays control flow
+  }
+}
+
 bool Compilation::compile(const Range& range, const Liveness::Bits& live) {
   recorder_.clear();
   std::vector<RunOutput> outputs;
@@ -126,6 +139,7 @@ bool Compilation::compile(const Range& range, const Liveness::Bits& live) {
   r.run.end = range.end;
   r.run.steps = recorder_.steps(), r.run.varyingSteps = recorder_.varyingSteps();
   r.run.lights = recorder_.lightsRun(), r.run.readsLights = recorder_.readsLights();
+  r.run.loopAhead = recorder_.loopAhead();
   code.insert(code.end(), bytes.begin(), bytes.end());
   results.push_back(r);
   return true;

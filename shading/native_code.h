@@ -1,7 +1,7 @@
 // A program's runs of elementwise instructions as machine code.
 //
 // Between two instructions of another kind (loops, textures, rays, strings) all values of a point stay in
-// registers; what is read later is stored. Short conditions and loops over plain lights are part of a run.
+// registers; what is read later is stored. Short conditions and light loops are part of a run.
 // The machine runs a program with or without: the results are the same bits.
 #pragma once
 
@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "shading/ir.h"
 #include "shading/native_run.h"
 #include "shading/run_light.h"
 
@@ -24,6 +25,7 @@ class NativeCode {
     uint32_t steps = 0, varyingSteps = 0;  // that it stands for
     uint32_t lights = 0;                   // evaluations of a light
     bool readsLights = false;              // its columns are the program's, then those of the lights in a row
+    uint32_t loopAhead = kNoIndex;         // the lights of this loop run before it
   };
   /// For batches that are lit by `lights`. Nothing when there is no such code here (nativeCodeAvailable()) or
   /// the program has no use for it.
@@ -36,12 +38,6 @@ class NativeCode {
   }
   size_t bytes() const { return memory_->size(); }
   size_t runCount() const { return runs_.size(); }
-  /// Evaluations of lights that are part of the runs.
-  uint32_t lightCount() const {
-    uint32_t n = 0;
-    for (const Run& r : runs_) n += r.lights;
-    return n;
-  }
 
  private:
   NativeCode() = default;

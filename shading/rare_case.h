@@ -11,6 +11,8 @@ enum class RareCase : uint8_t {
   kLength,       // of a vector whose squares over- or underflow
   kNormalize,    // the same
   kHomogeneous,  // x, y, z, w: divided by w
+  kLargeExp,     // e^(x + y), far above 1
+  kLargePow,     // x^y, far above 1
   kCount
 };
 inline constexpr int kMostRareValues = 4;

@@ -24,6 +24,12 @@ bool givenByTheLoop(GlobalId id) {
 }
 }  // namespace
 
+bool runsAhead(const Executable& light) {
+  const auto& code = light.program().code;
+  return std::none_of(code.begin(), code.end(),
+                      [](const Instruction& in) { return in.op == Op::msg_surface; });
+}
+
 bool plainLight(const Executable& light) {
   const ShaderProgram& p = light.program();
   if (p.type != ShaderType::kLight || !light.zeroed().empty()) return false;

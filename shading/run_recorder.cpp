@@ -45,7 +45,10 @@ class ValueOperands final : public OperandRecorder {
 RunRecorder::RunRecorder(const Executable& exe, std::span<const RunLight> lights)
     : lights_(lights.begin(), lights.end()) {
   const auto add = [&](const Executable& e) {
-    const uint32_t base = parts_.empty() ? 0 : parts_.back().base + parts_.back().exe->columnCount();
+    const bool results = parts_.size() > 1 && !lights_[parts_.size() - 2].plain;
+    const uint32_t base = parts_.empty() ? 0
+                                         : parts_.back().base + parts_.back().exe->columnCount() +
+                                               (results ? light_column::kCount : 0);
     parts_.push_back({&e, base, std::vector<NodeIndex>(e.columnCount(), kUnknown), {}});
   };
   add(exe);
@@ -68,6 +71,7 @@ void RunRecorder::clear() {
   failed_ = readsLights_ = false;
   steps_ = varyingSteps_ = 0;
   lightsAsked_.clear();
+  ahead_ = {};
   setMask(ones_);
 }
 
@@ -139,7 +143,7 @@ RunRecorder::Extent RunRecorder::blockOf(uint32_t part, uint32_t begin, uint32_t
   return {end + 1, nodes};
 }
 
-/// Loops over plain lights, in shaders that have no options for any of their light loops. The number of nodes
+/// Loops over lights, in shaders that have no options for any of their light loops. The number of nodes
 /// is that of all turns.
 RunRecorder::Extent RunRecorder::lightsOf(uint32_t begin, uint32_t depth) const {
   const Executable& exe = *parts_[0].exe;
@@ -164,8 +168,11 @@ RunRecorder::Extent RunRecorder::lightsOf(uint32_t begin, uint32_t depth) const 
   for (uint32_t k = 0; k < lights_.size(); ++k) {
     const Executable& light = *lights_[k].exe;
     if (light.has(kProgramAmbientLight) != ambient) continue;
-    if (!lights_[k].plain) return {};
     nodes += body;
+    if (!lights_[k].plain) {
+      if (!runsAhead(light)) return {};
+      continue;
+    }
     for (uint32_t i = light.program().bodyBegin; i < light.program().code.size();) {
       const Extent e = instructionOf(k + 1, i, depth + 1);
       if (e.end == 0) return {};
@@ -310,6 +317,8 @@ NodeIndex RunRecorder::asActivePointsSeeIt(NodeIndex value) {
 /// The active points leave every block from `outermost` on (Machine::leave).
 void RunRecorder::leave(size_t outermost) {
   for (size_t i = outermost; i < blocks_.size(); ++i) {
+    // The next light would not be run for them, but it has been.
+    if (blocks_[i].ahead) lightsAreMissed();
     blocks_[i].saved = without(blocks_[i].saved, mask_);
     if (blocks_[i].kind == Block::Kind::kLights) blocks_[i].other = without(blocks_[i].other, mask_);
   }
@@ -331,7 +340,10 @@ void RunRecorder::leaveLoop(const Step& s) {
     failed_ = true;
     return;
   }
-  if (s.op == Op::break_loop) blocks_[target - 1].other = without(blocks_[target - 1].other, mask_);
+  if (s.op == Op::break_loop) {
+    if (blocks_[target - 1].ahead) lightsAreMissed();
+    blocks_[target - 1].other = without(blocks_[target - 1].other, mask_);
+  }
   leave(target);
 }
 
@@ -341,6 +353,7 @@ void RunRecorder::recordRange(uint32_t begin, uint32_t end) {
   for (uint32_t i = begin; i < end && !failed_;) {
     const Step& s = step(i);
     if (nobody()) return;
+    if (part_ == 0 && blocks_.empty()) ahead_.at = i;
     if (!s.control) {
       if (s.op == Op::msg_lightsource)
         recordMessage(s);
@@ -412,11 +425,70 @@ uint32_t RunRecorder::recordInline(uint32_t i) {
   return end + 1;
 }
 
+void RunRecorder::lightsAreMissed() {
+  failed_ = true;
+  ahead_.failedAt = ahead_.at;
+}
+
+/// Whether the lights of a loop may run before the code: for the place, normal and cone that the shader's
+/// registers hold by then, and for all points. Further loops find what the first one has asked for.
+bool RunRecorder::canAskAhead(uint32_t i) {
+  const Step& s = step(i);
+  const Executable& exe = *parts_[0].exe;
+  const bool ambient = s.op == Op::ambient_begin, cone = s.op == Op::illuminance_cone_begin;
+  step_ = &s;
+  std::array<NodeIndex, 10> question{};
+  uint32_t count = 0;
+  bool held = true;
+  const auto ask = [&](uint32_t symbol, uint32_t components) {
+    for (uint32_t c = 0; c < components; ++c) {
+      const NodeIndex value = current(0, symbol, c);
+      const Node& n = graph.nodes()[value];
+      const bool own =
+          (n.op == VectorOp::kLoad || n.op == VectorOp::kLoadUniform) && n.imm == exe.firstColumn(symbol) + c;
+      held = held && (own || exe.program().symbols[symbol].storage == Storage::kConstant);
+      question[count++] = value;
+    }
+  };
+  ask(symbol(ambient ? 0 : 1), 3);
+  if (const uint32_t N = exe.global(GlobalId::k_N); N != kNoIndex) ask(N, 3);
+  // Shadow rays are asked for the points within the cone alone.
+  const bool shadows =
+      std::any_of(lights_.begin(), lights_.end(), [](const RunLight& l) { return l.shadowed; });
+  if (cone && shadows) ask(symbol(2), 3), ask(symbol(3), 1);
+  if (ahead_.loop == kNoIndex) {
+    if (!held || mask_ != ones_) return false;
+    ahead_.loop = i, ahead_.question = question;
+    return true;
+  }
+  const bool sameKind =
+      (step(ahead_.loop).op == Op::ambient_begin) == ambient && (!shadows || step(ahead_.loop).op == s.op);
+  return sameKind && question == ahead_.question;
+}
+
+/// What a light that ran before the code has left.
+RunRecorder::Triple RunRecorder::resultOf(uint32_t light, uint32_t column) {
+  const Part& p = parts_[light + 1];
+  readsLights_ = true;
+  Triple t;
+  for (uint32_t c = 0; c < (column == light_column::kLit ? 1u : 3u); ++c)
+    t.c[c] = graph.load(p.base + p.exe->columnCount() + column + c, false);
+  return t;
+}
+
 /// A turn for every light of the loop's kind (Machine::lightTurn).
 uint32_t RunRecorder::recordLights(uint32_t i) {
   const Step& s = step(i);
   const bool ambient = s.op == Op::ambient_begin;
+  const bool ahead = std::any_of(lights_.begin(), lights_.end(), [&](const RunLight& l) {
+    return !l.plain && l.exe->has(kProgramAmbientLight) == ambient;
+  });
+  if (ahead && !canAskAhead(i)) {
+    lightsAreMissed();
+    return s.jump + 1;
+  }
   blocks_.push_back({Block::Kind::kLights, mask_, mask_});
+  blocks_.back().ahead = ahead;
   for (uint32_t k = 0; k < lights_.size() && !failed_; ++k) {
     if (lights_[k].exe->has(kProgramAmbientLight) != ambient) continue;
     setMask(blocks_.back().other);
@@ -428,11 +500,17 @@ uint32_t RunRecorder::recordLights(uint32_t i) {
     const NodeIndex alive = mask_;
     const std::array<NodeIndex, 7> question = {k,        e.Ps.c[0], e.Ps.c[1], e.Ps.c[2],
                                                e.N.c[0], e.N.c[1],  e.N.c[2]};
-    if (std::find(lightsAsked_.begin(), lightsAsked_.end(), question) == lightsAsked_.end())
+    const bool plain = lights_[k].plain;
+    if (plain && std::find(lightsAsked_.begin(), lightsAsked_.end(), question) == lightsAsked_.end())
       lightsAsked_.push_back(question);
-    emission_ = &e;
-    recordLight(k, alive);
-    emission_ = nullptr;
+    if (plain) {
+      emission_ = &e;
+      recordLight(k, alive);
+      emission_ = nullptr;
+    } else {
+      e.lit = resultOf(k, light_column::kLit).c[0];
+      e.L = resultOf(k, light_column::kL);
+    }
     NodeIndex mask = ambient ? alive : both(alive, e.lit);
     setMask(mask);
     const auto seen = [&](Triple t) {
@@ -449,8 +527,10 @@ uint32_t RunRecorder::recordLights(uint32_t i) {
     if (!ambient) writeGlobal(GlobalId::k_L, call(negate, {seen(e.L)}));
     const Triple ones{{graph.constant(1.0f), graph.constant(1.0f), graph.constant(1.0f)}};
     const bool opacity = lights_[k].exe->global(GlobalId::k_Ol) != kNoIndex;
-    writeGlobal(GlobalId::k_Cl, readGlobal(k + 1, GlobalId::k_Cl));
-    writeGlobal(GlobalId::k_Ol, opacity ? readGlobal(k + 1, GlobalId::k_Ol) : ones);
+    writeGlobal(GlobalId::k_Cl, plain ? readGlobal(k + 1, GlobalId::k_Cl) : resultOf(k, light_column::kCl));
+    writeGlobal(GlobalId::k_Ol, !plain    ? resultOf(k, light_column::kOl)
+                                : opacity ? readGlobal(k + 1, GlobalId::k_Ol)
+                                          : ones);
     recordRange(i + 1, s.jump);
   }
   setMask(blocks_.back().saved);

@@ -35,6 +35,12 @@ class RunRecorder final : public OperandRecorder {
   /// after all.
   bool record(uint32_t begin, uint32_t end);
 
+  /// The light loop whose lights have to run before the code does, kNoIndex: there is none.
+  uint32_t loopAhead() const { return ahead_.loop; }
+  /// Why record() failed: this instruction, or the block that it begins, needs lights for a place that is not
+  /// known when the code begins. kNoIndex: for another reason.
+  uint32_t failedFor() const { return ahead_.failedAt; }
+
   NodeIndex value(uint32_t column) const { return parts_[0].values[column]; }
   bool readsLights() const { return readsLights_; }
   uint32_t steps() const { return steps_; }
@@ -65,6 +71,7 @@ class RunRecorder final : public OperandRecorder {
     NodeIndex saved;  // who is active behind it
     NodeIndex other;  // kLights: who still takes part
     uint32_t light = 0;
+    bool ahead = false;  // kLights: some of its lights run before the code
   };
   struct Triple {
     NodeIndex c[3] = {};
@@ -86,6 +93,9 @@ class RunRecorder final : public OperandRecorder {
   uint32_t recordInline(uint32_t i);
   uint32_t recordLights(uint32_t i);
   void recordLight(uint32_t light, NodeIndex alive);
+  bool canAskAhead(uint32_t i);
+  void lightsAreMissed();
+  Triple resultOf(uint32_t light, uint32_t column);
   uint32_t recordEmission(uint32_t i);
   void recordMessage(const Step& s);
   void recordStep(const Step& s);
@@ -123,6 +133,11 @@ class RunRecorder final : public OperandRecorder {
   std::vector<Written> written_;
   std::vector<recorded::Operand> operands_;
   bool sends_ = false;  // a light loop has options
+  /// Of lights that run before the code: the first loop over them, its place, the normal and the cone.
+  struct Ahead {
+    uint32_t loop = kNoIndex, at = 0, failedAt = kNoIndex;
+    std::array<NodeIndex, 10> question{};
+  } ahead_;
   bool failed_ = false, readsLights_ = false;
   uint32_t steps_ = 0, varyingSteps_ = 0;
   std::vector<std::array<NodeIndex, 7>> lightsAsked_;  // light, Ps, N

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <limits>
 #include <string_view>
 
 #include "base/random.h"
@@ -42,7 +43,8 @@ struct ShadeTask::Impl {
   const float* broadcastValue(const ShaderValue& v, uint32_t component) const;
   const float* hitValue(std::string_view name, uint32_t component) const;
   void collect(const Machine& m);
-  Vec3 cacheNormal(uint32_t lane) const;
+  template <class Lane>
+  void writePlaces(const PendingRays& r, RayQuery& q, const Lane& lane) const;
 };
 
 ShadeTask::ShadeTask(ShadingSystem& system) : impl_(std::make_unique<Impl>(*system.impl_)) {}
@@ -216,13 +218,6 @@ ShadeTask::Status ShadeTask::run() {
 
 uint32_t ShadeTask::rayCount() const { return impl_->running().rays().count; }
 
-Vec3 ShadeTask::Impl::cacheNormal(uint32_t lane) const {
-  const Operand Ng = columns.batch().globals[size_t(GlobalId::k_Ng)];
-  const Vec3 n = system.currentToCacheNormal * Vec3(Ng.at(lane, 0), Ng.at(lane, 1), Ng.at(lane, 2));
-  const float length = glm::length(n);
-  return length > 0 && std::isfinite(length) ? n / length : Vec3(0);
-}
-
 namespace {
 
 /// RAYSERVER_JITTER_TIMES=0: every ray at shutter open, as in 1998. Jittered is the default here.
@@ -237,7 +232,54 @@ bool jitterRayTimes() {
 /// In [0, 1), from the ray's seed: the same whoever asks.
 float rayTime(uint64_t seed) { return float(hashStep(seed, 0x74696d65) >> 40) * 0x1p-24f; }
 
+/// Columns of points or directions, transformed. The sums are those of m * v.
+template <size_t N, size_t M>
+void transformColumns(const Mat4& m, bool points, const float (&from)[3][N], float (&to)[3][M],
+                      uint32_t count) {
+  const bool affine = m[0][3] == 0.0f && m[1][3] == 0.0f && m[2][3] == 0.0f && m[3][3] == 1.0f;
+  if (points && !affine) {
+    for (uint32_t k = 0; k < count; ++k) {
+      const Vec3 p = transformPoint(m, Vec3(from[0][k], from[1][k], from[2][k]));
+      for (int c = 0; c < 3; ++c) to[c][k] = p[c];
+    }
+    return;
+  }
+  for (int c = 0; c < 3; ++c) {
+    const float x = m[0][c], y = m[1][c], z = m[2][c], w = m[3][c];
+    if (points)
+      for (uint32_t k = 0; k < count; ++k)
+        to[c][k] = (x * from[0][k] + y * from[1][k]) + (z * from[2][k] + w);
+    else
+      for (uint32_t k = 0; k < count; ++k) to[c][k] = x * from[0][k] + y * from[1][k] + z * from[2][k];
+  }
+}
+
 }  // namespace
+
+/// What rays take from the points that ask them; `lane`(k): of ray k.
+template <class Lane>
+void ShadeTask::Impl::writePlaces(const PendingRays& r, RayQuery& q, const Lane& lane) const {
+  const uint32_t period = columns.batch().copyPeriod;
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const bool on = r.onSurface[k] != 0;
+    q.node[k] = on ? columns.node(lane(k)) : cache::kNone;
+    q.cell[k] = on ? columns.cell(lane(k)) : cache::kNone;
+    q.u[k] = on ? columns.u(lane(k)) : 0.0f;
+    q.v[k] = on ? columns.v(lane(k)) : 0.0f;
+  }
+  for (uint32_t k = 0; k < r.count; ++k)
+    q.point[k] = r.single ? cache::kNone : period ? lane(k) % period : lane(k);
+  const Operand Ng = columns.batch().globals[size_t(GlobalId::k_Ng)];
+  const Mat3& m = system.currentToCacheNormal;
+  for (uint32_t k = 0; k < r.count; ++k) {
+    const float x = Ng.at(lane(k), 0), y = Ng.at(lane(k), 1), z = Ng.at(lane(k), 2);
+    float n[3];
+    for (int c = 0; c < 3; ++c) n[c] = m[0][c] * x + m[1][c] * y + m[2][c] * z;
+    const float length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    const bool known = r.onSurface[k] != 0 && length > 0 && length <= std::numeric_limits<float>::max();
+    for (int c = 0; c < 3; ++c) q.normal[c][k] = known ? n[c] / length : 0.0f;
+  }
+}
 
 void ShadeTask::writeRays(RayQuery& q) const {
   const Impl& t = *impl_;
@@ -246,36 +288,23 @@ void ShadeTask::writeRays(RayQuery& q) const {
   q.count = r.count;
   q.level = t.columns.batch().level + 1;
   q.terms = r.terms;
-  const uint32_t period = t.columns.batch().copyPeriod;
   const Mat4& m = t.system.currentToCache;
-  const Mat3 linear(m);
-  const float scale = std::cbrt(std::fabs(glm::determinant(linear)));  // cameras may scale
+  const float scale = std::cbrt(std::fabs(glm::determinant(Mat3(m))));  // cameras may scale
+  q.terms.maxDistance *= scale, q.terms.bias *= scale;
+  transformColumns(m, true, r.origin, q.origin, r.count);
+  transformColumns(m, false, r.direction, q.direction, r.count);
+  if (r.inOrder)
+    t.writePlaces(r, q, [](uint32_t k) { return k; });
+  else
+    t.writePlaces(r, q, [&](uint32_t k) { return r.lane[k]; });
   // What the camera sees is shaded at shutter open; its rays look about in the whole shutter. Rays of hits
   // keep the time of the ray that hit.
   const bool atCamera = !t.timed && jitterRayTimes();
-  q.terms.maxDistance *= scale, q.terms.bias *= scale;
-  Vec3 normal(0);
-  for (uint32_t k = 0; k < r.count; ++k) {
-    const uint32_t lane = r.lane[k];
-    q.point[k] = r.single ? cache::kNone : period ? lane % period : lane;
-    const Vec3 origin = transformPoint(m, Vec3(r.origin[0][k], r.origin[1][k], r.origin[2][k]));
-    const Vec3 direction = linear * Vec3(r.direction[0][k], r.direction[1][k], r.direction[2][k]);
-    if (!r.onSurface[k])
-      normal = Vec3(0);
-    else if (k == 0 || lane != r.lane[k - 1] || !r.onSurface[k - 1])
-      normal = t.cacheNormal(lane);
-    for (int c = 0; c < 3; ++c)
-      q.origin[c][k] = origin[c], q.direction[c][k] = direction[c], q.normal[c][k] = normal[c];
-    q.time[k] = atCamera ? rayTime(r.seed[k]) : t.times[lane];
-    q.radius[k] = r.radius[k] * scale;
-    q.spread[k] = r.spread[k];
-    q.node[k] = r.onSurface[k] ? t.columns.node(lane) : cache::kNone;
-    q.cell[k] = r.onSurface[k] ? t.columns.cell(lane) : cache::kNone;
-    q.u[k] = r.onSurface[k] ? t.columns.u(lane) : 0.0f;
-    q.v[k] = r.onSurface[k] ? t.columns.v(lane) : 0.0f;
-    q.seed[k] = r.seed[k];
-    q.importance[k] = 0x3f800000u;  // 1.0f
-  }
+  for (uint32_t k = 0; k < r.count; ++k) q.time[k] = atCamera ? rayTime(r.seed[k]) : t.times[r.lane[k]];
+  for (uint32_t k = 0; k < r.count; ++k) q.radius[k] = r.radius[k] * scale;
+  std::copy_n(r.spread, r.count, q.spread);
+  std::copy_n(r.seed, r.count, q.seed);
+  std::fill_n(q.importance, r.count, 0x3f800000u);  // 1.0f
 }
 
 void ShadeTask::readAnswers(const RayQuery& q) {

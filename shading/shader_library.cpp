@@ -161,7 +161,8 @@ ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   for (const Diagnostic& d : diagnostics.all()) report(Error{d.code, d.severity, d.where, d.message});
-  if (!p) return std::move(p).error();
+  // The reasons have been given.
+  if (!p) return makeError(p.error().code, "shader '{}' cannot be compiled", path);
   if (options_.writeCompiled) (void)writeSlxFile(slxPath, *p).ok();
   return std::make_shared<const ShaderProgram>(std::move(*p));
 }

@@ -60,18 +60,36 @@ FR_INLINE V expReduced(V r) {
   p = p * r + 5.0000001201e-1f;
   return p * (r * r) + r + 1.0f;
 }
-/// m 2^n for m near 1 and n in -150..130, rounded once, where it is too small for a normal number too.
-FR_INLINE V timesExp2(V m, VI n) {
+/// m 2^n for m near 1 and n in -151..95, rounded once, where it is too small for a normal number too.
+FR_INLINE V timesExp2(V m, VI n) { return fromBits(bits(m) + ((n + 32) << 23)) * 0x1p-32f; }
+/// The same for n in -150..130.
+FR_INLINE V timesLargeExp2(V m, VI n) {
   const VI half = n >> 1;
   return m * exp2Int(half) * exp2Int(n - half);
 }
+/// e^(x + rest) as m 2^n.
+FR_INLINE V expParts(V x, V rest, VI& n) {
+  const V whole = vfloor(x * 1.44269504088896341f + 0.5f);
+  n = toInt(whole);
+  return expReduced(((x - whole * 0.693359375f) - whole * -2.12194440e-4f) + rest);
+}
+struct LargeExp {
+  static constexpr RareCase kCase = RareCase::kLargeExp;
+  static constexpr int kInputs = 2, kResults = 1;
+  static void compute(const V* x, V* result) {
+    VI n;
+    const V m = expParts(clampTo(x[0], 0.0f, 89.0f), x[1], n);
+    result[0] = vmin(timesLargeExp2(m, n), splat(kLargest));
+  }
+};
 /// e^(x + rest), for small rests. Overflow: the largest float.
 FR_INLINE V expOfSum(V x, V rest) {
-  const VI nothing = x < -104.0f;
-  const V c = clampTo(select(nothing, V{}, x), -104.0f, 89.0f);
-  const V n = vfloor(c * 1.44269504088896341f + 0.5f);
-  const V r = ((c - n * 0.693359375f) - n * -2.12194440e-4f) + rest;
-  return select(nothing, V{}, vmin(timesExp2(expReduced(r), toInt(n)), splat(kLargest)));
+  VI n;
+  const V m = expParts(vmax(x, splat(-105.0f)), rest, n);
+  const V in[2] = {x, rest};
+  V result = timesExp2(m, n);
+  rarely<LargeExp>(x > 65.0f, in, &result);
+  return result;
 }
 FR_INLINE V vexp(V x) { return expOfSum(x, V{}); }
 /// x = m 2^e with m in [sqrt(1/2), sqrt(2)), x > 0 normal. Returns ln(m).
@@ -119,10 +137,8 @@ FR_INLINE V vlog(V x) {
   const V r = (m + e * -2.12194440e-4f) + e * 0.693359375f;
   return select(positive, r, splat(-1.0e38f));
 }
-/// 0 for a negative base with a fractional exponent and for 0 to a negative power; overflow: the largest
-/// float.
-FR_INLINE V vpow(V x, V y) {
-  const VI isZero = x == 0.0f;
+/// |x|^y as m 2^n, for |x| above 0; n is not an integer's where it is huge.
+FR_INLINE V powParts(V x, V y, VI isZero, V& n) {
   V e;
   const V lm = logOf(vabs(x), ~isZero, e);
   // y ln(x) = (y e) ln 2 + y lm, with the integral powers of two taken out before anything is rounded away:
@@ -130,13 +146,29 @@ FR_INLINE V vpow(V x, V y) {
   const V yc = clampTo(y, -1.0e30f, 1.0e30f);
   const V yh = fromBits(bits(yc) & (int32_t)0xfffff000);
   const V yl = yc * lm;
-  const V n = vfloor(clampTo(yc * e + yl * 1.44269504088896341f, -400.0f, 400.0f) + 0.5f);
+  n = vfloor(yc * e + yl * 1.44269504088896341f + 0.5f);
   const V k = (yh * e - n) + (yc - yh) * e;
-  const V r = (k * 0.693359375f + yl) - k * 2.12194440e-4f;
-  const VI nothing = n < -150.0f;
-  const V nc = vmin(select(nothing, V{}, n), splat(130.0f));
-  V p = vmin(timesExp2(expReduced(clampTo(r, -1.0f, 1.0f)), toInt(nc)), splat(kLargest));
-  p = select(nothing, V{}, p);
+  return expReduced((k * 0.693359375f + yl) - k * 2.12194440e-4f);
+}
+struct LargePow {
+  static constexpr RareCase kCase = RareCase::kLargePow;
+  static constexpr int kInputs = 2, kResults = 1;
+  static void compute(const V* in, V* result) {
+    V n;
+    const V m = powParts(in[0], in[1], in[0] == 0.0f, n);
+    const V p = timesLargeExp2(m, toInt(clampTo(n, 0.0f, 130.0f)));
+    result[0] = select(n > 130.0f, splat(kLargest), vmin(p, splat(kLargest)));
+  }
+};
+/// 0 for a negative base with a fractional exponent and for 0 to a negative power; overflow: the largest
+/// float.
+FR_INLINE V vpow(V x, V y) {
+  const VI isZero = x == 0.0f;
+  const V in[2] = {x, y};
+  V n;
+  const V m = powParts(x, y, isZero, n);
+  V p = select(n < -150.0f, V{}, timesExp2(m, toInt(n)));
+  rarely<LargePow>((n > 94.0f) & ~isZero, in, &p);
   const V fy = vfloor(y);
   const VI integral = fy == y;
   const VI odd = integral & ((fy - 2.0f * vfloor(fy * 0.5f)) != 0.0f);

@@ -31,6 +31,10 @@ class Writer {
     add("bright", 1, true);
     for (const char* n : {"tint", "Ps", "from"}) add(n, 3, true);
     if (pick(3) == 0) add("N", 3, true);
+    if (pick(4) == 0) {
+      line("float dice = random();");
+      add("dice", 1, false);
+    }
     for (int i = pick(3); i > 0; --i) statement(pick(3));
     const int kind = pick(5);
     if (kind == 0) {
@@ -46,6 +50,7 @@ class Writer {
       add("L", 3, true);
       for (int i = pick(3); i > 0; --i) statement(pick(3));
       line(fmt::format("Cl = {} * bright;", triple(2)));
+      if (pick(4) == 0) line("Cl *= visibility(Ps, from);");
       if (spill) line("__spill = " + triple(1) + ";");
       if (pick(3) == 0) line("Ol = " + triple(1) + ";");
       close();
