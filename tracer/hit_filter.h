@@ -143,7 +143,7 @@ struct HitFilter {
     c.patchU = e.u0 + e.uScale * gridU, c.patchV = e.v0 + e.vScale * gridV;
     c.u = c.patchU, c.v = c.patchV;
     if (e.meshlet) {
-      c.cell = h.primID - e.firstTriangle;
+      c.cell = part.leaves[h.geomID]->triangleOf(h.primID);
       c.u = gridU, c.v = gridV;
     } else if (e.strip) {
       // The triangle of the meshlet, and where in it.

@@ -12,23 +12,66 @@ namespace fr::tracer {
 namespace {
 /// Embree leaves out what goes beyond.
 constexpr float kLargestCoordinate = 1.8e18f;
+/// What a box costs beside its area, in areas of a triangle's box.
+constexpr double kBoxShare = 1;
 }  // namespace
 
 MeetLeaf leafKernel() { return forIsa(sse4::meetLeaf, avx2::meetLeaf, avx512::meetLeaf); }
 
-uint32_t MeshletLeaves::add(uint32_t entry, const std::byte* vertices, uint32_t vertexCount,
-                            const std::byte* indices, uint32_t triangleCount) {
-  const uint32_t firstLeaf = uint32_t(meshletOfLeaf_.size());
-  meshletOfLeaf_.insert(meshletOfLeaf_.end(), (triangleCount + kLeafTriangles - 1) / kLeafTriangles,
-                        uint32_t(meshlets_.size()));
-  meshlets_.push_back({vertices, indices, entry, firstLeaf, uint16_t(vertexCount), uint16_t(triangleCount)});
-  return firstLeaf * kLeafTriangles;
+/// Of corners that Embree can bear, whatever the shared memory holds; else empty.
+Box3f MeshletLeaves::boundOf(const LeafTriangles& t, uint32_t triangle) {
+  Box3f box;
+  for (uint32_t c = 0; c < 3; ++c) {
+    const uint32_t index = t.indices[3 * triangle + c];
+    const float* p = t.vertices + 3 * (index < t.vertexCount ? index : 0);
+    const Vec3 corner(p[0], p[1], p[2]);
+    if (!(largestCoordinate(corner) <= kLargestCoordinate) || corner != corner) return {};
+    box.extend(corner);
+  }
+  return box;
+}
+
+/// Neighbours on a Morton curve may be far apart: the sequence is cut where the boxes have the smallest areas
+/// in all, each with a share for being a box.
+void MeshletLeaves::add(uint32_t entry, const std::byte* vertices, uint32_t vertexCount,
+                        const std::byte* indices, uint32_t triangleCount) {
+  meshlets_.push_back({vertices, indices, entry, vertexCount});
+  LeafTriangles all;
+  all.vertices = reinterpret_cast<const float*>(vertices), all.vertexCount = vertexCount;
+  all.indices = reinterpret_cast<const uint8_t*>(indices), all.count = triangleCount;
+  const auto area = [](const Box3f& b) {
+    if (b.empty()) return 0.0;
+    const DVec3 d(b.max - b.min);
+    return d.x * d.y + d.y * d.z + d.z * d.x;
+  };
+  bounds_.clear();
+  double share = 0;
+  for (uint32_t i = 0; i < triangleCount; ++i) {
+    bounds_.push_back(boundOf(all, i));
+    share += area(bounds_.back());
+  }
+  share *= kBoxShare / double(triangleCount);
+  // The best way to cut the first i, and how many its last leaf has.
+  costs_.assign(triangleCount + 1u, kInfinity), lasts_.assign(triangleCount + 1u, 1);
+  costs_[0] = 0;
+  for (uint32_t i = 1; i <= triangleCount; ++i) {
+    Box3f box;
+    for (uint32_t n = 1; n <= std::min(i, kLeafTriangles); ++n) {
+      box.extend(bounds_[i - n]);
+      const double cost = costs_[i - n] + area(box) + share;
+      if (cost < costs_[i]) costs_[i] = cost, lasts_[i] = uint16_t(n);
+    }
+  }
+  const size_t firstLeaf = leaves_.size();
+  for (uint32_t end = triangleCount; end > 0; end -= lasts_[end])
+    leaves_.push_back({uint32_t(meshlets_.size() - 1), uint16_t(end - lasts_[end]), lasts_[end]});
+  std::reverse(leaves_.begin() + std::ptrdiff_t(firstLeaf), leaves_.end());
 }
 
 RTCGeometry MeshletLeaves::geometry(RTCDevice device) {
-  meshlets_.shrink_to_fit(), meshletOfLeaf_.shrink_to_fit();
+  meshlets_.shrink_to_fit(), leaves_.shrink_to_fit();
   RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(g, unsigned(meshletOfLeaf_.size()));
+  rtcSetGeometryUserPrimitiveCount(g, unsigned(leaves_.size()));
   rtcSetGeometryTimeStepCount(g, keys_);
   rtcSetGeometryUserData(g, this);
   rtcSetGeometryBoundsFunction(g, &MeshletLeaves::bounds, nullptr);
@@ -38,13 +81,13 @@ RTCGeometry MeshletLeaves::geometry(RTCDevice device) {
 }
 
 LeafTriangles MeshletLeaves::leaf(uint32_t number, uint32_t key) const {
-  const Meshlet& m = meshlets_[meshletOfLeaf_[number]];
-  const uint32_t first = (number - m.firstLeaf) * kLeafTriangles;
+  const Leaf& l = leaves_[number];
+  const Meshlet& m = meshlets_[l.meshlet];
   LeafTriangles t;
   t.vertices = reinterpret_cast<const float*>(m.vertices + key * keyBytes_);
   t.vertexCount = m.vertexCount;
-  t.indices = reinterpret_cast<const uint8_t*>(m.indices) + 3 * first;
-  t.count = std::min<uint32_t>(kLeafTriangles, m.triangleCount - first);
+  t.indices = reinterpret_cast<const uint8_t*>(m.indices) + 3 * l.first;
+  t.count = l.count;
   return t;
 }
 
@@ -62,18 +105,7 @@ void MeshletLeaves::bounds(const RTCBoundsFunctionArguments* a) {
   const auto& self = *static_cast<const MeshletLeaves*>(a->geometryUserPtr);
   const LeafTriangles t = self.leaf(a->primID, a->timeStep);
   Box3f box;
-  for (uint32_t i = 0; i < t.count; ++i) {
-    Box3f triangle;
-    bool sane = true;
-    for (uint32_t c = 0; c < 3; ++c) {
-      const uint32_t index = t.indices[3 * i + c];
-      const float* p = t.vertices + 3 * (index < t.vertexCount ? index : 0);
-      const Vec3 corner(p[0], p[1], p[2]);
-      sane &= largestCoordinate(corner) <= kLargestCoordinate;  // and no NaN
-      triangle.extend(corner);
-    }
-    if (sane) box.extend(triangle);
-  }
+  for (uint32_t i = 0; i < t.count; ++i) box.extend(boundOf(t, i));
   // Embree's boxes of user geometries are met only as far as rounding goes.
   box.grow(kRounding * std::max(largestCoordinate(box.min), largestCoordinate(box.max)));
   a->bounds_o->lower_x = box.min.x, a->bounds_o->lower_y = box.min.y, a->bounds_o->lower_z = box.min.z;

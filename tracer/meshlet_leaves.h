@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/math.h"
 #include "tracer/leaf_kernel.h"
 
 namespace fr::tracer {
@@ -20,27 +21,35 @@ class MeshletLeaves {
   /// `keyBytes`: between motion keys, of which there are `keys`.
   MeshletLeaves(uint32_t keys, uint64_t keyBytes) : keys_(keys), keyBytes_(keyBytes) {}
 
-  /// One more meshlet; returns the number of its first triangle, the others follow. Vertices, 12 bytes apart,
-  /// and indices stay where they are, in memory that others may write to.
-  uint32_t add(uint32_t entry, const std::byte* vertices, uint32_t vertexCount, const std::byte* indices,
-               uint32_t triangleCount);
-  uint32_t triangleCount() const { return uint32_t(meshletOfLeaf_.size()) * kLeafTriangles; }
-  uint32_t entryOf(uint32_t triangle) const {
-    return meshlets_[meshletOfLeaf_[triangle / kLeafTriangles]].entry;
-  }
+  /// One more meshlet. Vertices, 12 bytes apart, and indices stay where they are, in memory that others may
+  /// write to.
+  void add(uint32_t entry, const std::byte* vertices, uint32_t vertexCount, const std::byte* indices,
+           uint32_t triangleCount);
   /// A geometry over all of them, which must stay where they are. Its hits go to the filter function of the
-  /// query's context with primID the number of the triangle.
+  /// query's context, with a primID that tells the entry, and the triangle of the meshlet.
   RTCGeometry geometry(RTCDevice device);
+  uint32_t entryOf(uint32_t primID) const {
+    return meshlets_[leaves_[primID / kLeafTriangles].meshlet].entry;
+  }
+  uint32_t triangleOf(uint32_t primID) const {
+    return leaves_[primID / kLeafTriangles].first + primID % kLeafTriangles;
+  }
   uint64_t bytes() const {
-    return meshlets_.capacity() * sizeof(Meshlet) + meshletOfLeaf_.capacity() * sizeof(uint32_t);
+    return meshlets_.capacity() * sizeof(Meshlet) + leaves_.capacity() * sizeof(Leaf);
   }
 
  private:
   struct Meshlet {
     const std::byte *vertices, *indices;
-    uint32_t entry, firstLeaf;
-    uint16_t vertexCount, triangleCount;
+    uint32_t entry;
+    uint32_t vertexCount;
   };
+  struct Leaf {
+    uint32_t meshlet;
+    uint16_t first;  // triangle of the meshlet
+    uint16_t count;
+  };
+  static Box3f boundOf(const LeafTriangles& triangles, uint32_t triangle);
   static void bounds(const RTCBoundsFunctionArguments* a);
   static void intersect(const RTCIntersectFunctionNArguments* a);
   static void occluded(const RTCOccludedFunctionNArguments* a);
@@ -52,7 +61,10 @@ class MeshletLeaves {
   bool meet(RTCIntersectContext* context, RTCRay& ray, uint32_t number, uint32_t geometryId, bool any) const;
 
   std::vector<Meshlet> meshlets_;
-  std::vector<uint32_t> meshletOfLeaf_;
+  std::vector<Leaf> leaves_;
+  std::vector<Box3f> bounds_;  // while adding
+  std::vector<double> costs_;
+  std::vector<uint16_t> lasts_;
   uint32_t keys_;
   uint64_t keyBytes_;
   MeetLeaf kernel_ = leafKernel();

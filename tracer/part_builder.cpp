@@ -36,9 +36,9 @@ class PartBuilder {
     auto leaves = std::make_unique<MeshletLeaves>(key.keys, key.keyBytes);
     for (uint32_t m : members) {
       const GatheredGrid& p = grids_[m];
-      SurfaceEntry& e = grids_[m].entry;
-      e.firstTriangle = leaves->add(first_ + m, reinterpret_cast<const std::byte*>(vertexOf(cache_, p, 0)),
-                                    e.cellsU, cache_.arena().data() + p.indices, e.cellsV);
+      const SurfaceEntry& e = p.entry;
+      leaves->add(first_ + m, reinterpret_cast<const std::byte*>(vertexOf(cache_, p, 0)), e.cellsU,
+                  cache_.arena().data() + p.indices, e.cellsV);
       counts_.meshlets += 1;
       counts_.triangles += e.cellsV;
     }

@@ -54,7 +54,7 @@ struct SurfaceEntry {
   float deviation;               // between the traced surface and the true one
   float shadedDeviation;         // between the surface as shaded (stride 1) and the true one
   union {
-    uint32_t firstTriangle;  // meshlets: primitive id of triangle 0; strips: triangle of the meshlet
+    uint32_t firstTriangle;  // strips: triangle of the meshlet
     uint8_t inner[4];        // stitched grids: the cells that Embree sees as a grid (BorderedGrid::inner)
   };
   uint16_t cellsU, cellsV;  // at the traced stride; meshlets: vertices, triangles
