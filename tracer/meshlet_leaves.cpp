@@ -12,8 +12,8 @@ namespace fr::tracer {
 namespace {
 /// Embree leaves out what goes beyond.
 constexpr float kLargestCoordinate = 1.8e18f;
-/// What a box costs beside its area, in areas of a triangle's box.
-constexpr double kBoxShare = 1;
+/// What a box costs beside its area, in areas of boxes of full leaves.
+constexpr double kBoxShare = 0.5;
 }  // namespace
 
 MeetLeaf leafKernel() { return forIsa(sse4::meetLeaf, avx2::meetLeaf, avx512::meetLeaf); }
@@ -45,12 +45,16 @@ void MeshletLeaves::add(uint32_t entry, const std::byte* vertices, uint32_t vert
     return d.x * d.y + d.y * d.z + d.z * d.x;
   };
   bounds_.clear();
-  double share = 0;
+  double share = 0, leaves = 0;
+  Box3f full;
   for (uint32_t i = 0; i < triangleCount; ++i) {
     bounds_.push_back(boundOf(all, i));
-    share += area(bounds_.back());
+    full.extend(bounds_.back());
+    if ((i + 1) % kLeafTriangles != 0 && i + 1 < triangleCount) continue;
+    share += area(full), leaves += 1;
+    full = {};
   }
-  share *= kBoxShare / double(triangleCount);
+  share *= kBoxShare / leaves;
   // The best way to cut the first i, and how many its last leaf has.
   costs_.assign(triangleCount + 1u, kInfinity), lasts_.assign(triangleCount + 1u, 1);
   costs_[0] = 0;

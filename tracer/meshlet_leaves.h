@@ -1,8 +1,8 @@
 // Meshlets as Embree sees them: boxes of up to eight neighbouring triangles, which are met by our own kernel
 // over the vertices and indices of the cache. Internal to tracer/.
 //
-// A triangle of its own costs Embree some 65 bytes, and 12 of indices; a box costs 8 a triangle. Triangles
-// of a meshlet follow a Morton curve, so those that follow each other are near each other.
+// A triangle of its own costs Embree some 65 bytes, and 12 of indices; boxes cost 12 a triangle. Triangles of
+// a meshlet follow a Morton curve, so most of those that follow each other are near each other.
 #pragma once
 
 #include <embree3/rtcore.h>

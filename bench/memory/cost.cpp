@@ -159,10 +159,10 @@ std::vector<MemoryCase> memoryCases() {
       {"subdivision", world(0.25, cube), false, kGrids, kGrids},
       {"moving sphere", world(0.5, moving), false, 0, 100},
       {"small patches", world(1, small), false, 0, 300},
-      {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes, 40},
-      {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes, 40},
+      {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes, 43},
+      {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes, 43},
       {"curves", world(1, manyCurves()), true, kMeshes, kMeshes},
-      {"points", world(1, manyPoints()), true, kMeshes, 46},
+      {"points", world(1, manyPoints()), true, kMeshes, kMeshes},
   };
 }
 
