@@ -226,9 +226,18 @@ void Machine::listSamples(const Question& q) {
 /// From columns of all points to the rays of those that ask `sample`, counted from the block's first.
 void Machine::takeRays(const RayMaking& m, const uint64_t* seeds, uint32_t sample) {
   PendingRays& r = *rays_;
+  const uint32_t* const points = groups_.points.data();
+  const uint32_t *const first = groups_.first.data(), *const many = groups_.many.data();
+  const auto count = uint32_t(groups_.points.size());
+  const uint32_t most = many[0];
+  const bool even = std::all_of(many, many + count, [most](uint32_t samples) { return samples == most; });
+  if (even && sample >= most) return;
   const auto take = [&](auto* to, const auto* from) {
-    for (uint32_t j = 0; j < groups_.points.size(); ++j)
-      if (sample < groups_.many[j]) to[groups_.first[j] + sample] = from[groups_.points[j]];
+    if (even)
+      for (uint32_t j = 0; j < count; ++j) to[j * most + sample] = from[points[j]];
+    else
+      for (uint32_t j = 0; j < count; ++j)
+        if (sample < many[j]) to[first[j] + sample] = from[points[j]];
   };
   for (uint32_t c = 0; c < 3; ++c) take(r.origin[c], m.origin[c]), take(r.direction[c], m.to[c]);
   for (uint32_t c = 0; c < 2; ++c) take(r.pair[c], m.pair[c]);
