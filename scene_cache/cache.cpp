@@ -25,6 +25,8 @@ struct Chunk {
   uint64_t instance = 0, at = 0, end = 0;
 };
 constexpr uint64_t kChunkBytes = 128 << 10;
+/// Embree loads 16 bytes for a position of 12; so much more than it may read is readable behind any of them.
+constexpr uint64_t kReadBehind = 64;
 constexpr uint64_t kLookEvery = 4 << 20;  // bytes of new grids between two looks of the pager
 
 /// Claims that this thread holds; while there is one it never waits.
@@ -225,22 +227,27 @@ uint64_t SceneCache::Impl::allocateChildren() {
   return offset;
 }
 
-uint64_t SceneCache::Impl::allocateGrid(uint64_t bytes) {
-  bytes = (bytes + 63) / 64 * 64;
+uint64_t SceneCache::Impl::allocateGrid(uint64_t bytesBehind) {
+  // Where positions may start there is a record in front of them.
+  const auto recordFrom = [](uint64_t at) {
+    return (at + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign -
+           sizeof(GridRecord);
+  };
+  const uint64_t bytes = sizeof(GridRecord) + bytesBehind, most = bytes + kPositionAlign + kReadBehind;
   // Few caches are open at a time; the oldest one's chunk is dropped when another needs its place.
   thread_local Chunk chunks[4];
   thread_local unsigned next = 0;
-  if (bytes > kChunkBytes / 4) {
-    const uint64_t start = arena.allocate(bytes, kPositionAlign);
+  if (most > kChunkBytes / 4) {
+    const uint64_t start = arena.allocate(most, kPositionAlign);
     if (!start) noRoom = true;
-    return start;
+    return start ? recordFrom(start) : 0;
   }
   Chunk* c = std::find_if(chunks, chunks + 4, [this](const Chunk& k) { return k.instance == id; });
   if (c == chunks + 4) {
     c = &chunks[next++ % 4];
     *c = {id, 0, 0};
   }
-  if (c->end - c->at < bytes) {
+  if (c->end - c->at < most) {
     // A little at first: a small scene should stay small.
     const uint64_t size = c->end == 0 ? kChunkBytes / 4 : kChunkBytes;
     const uint64_t start = arena.allocate(size, kPositionAlign);
@@ -255,8 +262,8 @@ uint64_t SceneCache::Impl::allocateGrid(uint64_t bytes) {
       p->look();
     }
   }
-  const uint64_t r = c->at;
-  c->at += bytes;
+  const uint64_t r = recordFrom(c->at);
+  c->at = r + bytes;
   return r;
 }
 
@@ -287,9 +294,10 @@ const GridRecord* SceneCache::Impl::grid(uint64_t offset, NodeId nodeId) const {
   }
   const uint64_t keyBytes = span * 12;
   if (g->keyCount > 1 && (g->keyBytes < keyBytes || g->keyBytes > (uint64_t(1) << 20))) return nullptr;
-  if (!arena.at(g->positions, (g->keyCount - 1u) * g->keyBytes + keyBytes + 64)) return nullptr;
+  if (!arena.at(g->positions, (g->keyCount - 1u) * g->keyBytes + keyBytes + kReadBehind)) return nullptr;
   if (g->placement && (g->placement % 4 != 0 || !arena.at(g->placement, 12 * sizeof(float)))) return nullptr;
-  if (g->normals && (g->normals % 4 != 0 || !arena.at(g->normals, vertices * 12))) return nullptr;
+  if (g->normals && (g->normals % 4 != 0 || !arena.at(g->normals, vertices * sizeof(uint32_t))))
+    return nullptr;
   return g;
 }
 
@@ -299,7 +307,7 @@ GridView SceneCache::view(const GridRecord& g) const {
   v.record = &g;
   v.positions = reinterpret_cast<const float*>(base + g.positions);
   if (g.placement) v.placement = reinterpret_cast<const float*>(base + g.placement);
-  if (g.normals) v.normals = reinterpret_cast<const float*>(base + g.normals);
+  if (g.normals) v.normals = reinterpret_cast<const uint32_t*>(base + g.normals);
   if (g.kind == GridKind::kMeshlet) v.indices = reinterpret_cast<const uint8_t*>(base + g.indices);
   return v;
 }

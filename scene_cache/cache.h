@@ -106,10 +106,10 @@ struct ResolvedNode {
 /// Pointers into a checked grid.
 struct GridView {
   const GridRecord* record = nullptr;
-  const float* positions = nullptr;  // key 0, xyz interleaved, row stride record->rowStride * 3 floats; see
-                                     // placement
-  const float* normals = nullptr;    // xyz interleaved, dense; nullptr: evaluate them
-  const uint8_t* indices = nullptr;  // meshlet triangles
+  const float* positions = nullptr;   // key 0, xyz interleaved, row stride record->rowStride * 3 floats; see
+                                      // placement
+  const uint32_t* normals = nullptr;  // packed (packed_normal.h), dense; nullptr: evaluate them
+  const uint8_t* indices = nullptr;   // meshlet triangles
   /// Takes the positions to cache space, three rows of four; nullptr: they are there.
   const float* placement = nullptr;
   Vec3 placed(const float* p) const {

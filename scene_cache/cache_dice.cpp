@@ -6,6 +6,7 @@
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/grid_measure.h"
 #include "scene_cache/grid_source.h"
+#include "scene_cache/packed_normal.h"
 #include "scene_cache/primvar.h"
 #include "scene_cache/thin.h"
 #include "scene_cache/trim.h"
@@ -290,10 +291,8 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   }
   const uint64_t points = uint64_t(rowStride) * unsigned(nv) + unsigned(nu) + 1;
   const uint64_t keyBytes = (points * 12 + 15) / 16 * 16;
-  const uint64_t normalBytes = displaced ? uint64_t(nu + 1) * unsigned(nv + 1) * 12 : 0;
-  // Record first, positions at the next multiple of kPositionAlign.
-  const uint64_t room = sizeof(GridRecord) + kPositionAlign + unsigned(keys) * keyBytes + 64 + normalBytes;
-  const uint64_t offset = allocateGrid(room);
+  const uint64_t normalBytes = displaced ? uint64_t(nu + 1) * unsigned(nv + 1) * sizeof(uint32_t) : 0;
+  const uint64_t offset = allocateGrid(unsigned(keys) * keyBytes + normalBytes);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;
@@ -305,11 +304,11 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   g->levels = uint8_t(std::min(plan.log2Nu, plan.log2Nv) + 1);
   g->nu = uint16_t(nu), g->nv = uint16_t(nv);
   g->rowStride = rowStride;
-  g->positions = (offset + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g->positions = offset + sizeof(GridRecord);
   g->keyBytes = keyBytes;
   std::copy_n(plan.edgeShift, 4, g->edgeShift);
   if (displaced) {
-    g->normals = g->positions + unsigned(keys) * keyBytes + 64;
+    g->normals = g->positions + unsigned(keys) * keyBytes;
     g->flags |= kGridHasNormals;
   }
   const GridParameters parameters = gridParameters(rect, plan.log2Nu, plan.log2Nv);
@@ -374,9 +373,8 @@ uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, con
   const uint32_t triangles = isPoints ? points.triangleCount() : curves.cluster.triangleCount;
   const bool displaced = displacer && displacer->displaces(root.object);
   const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;
-  const uint64_t room = sizeof(GridRecord) + kPositionAlign + unsigned(keys) * keyBytes + 64 +
-                        (displaced ? uint64_t(count) * 12 : 0) + triangles * 3ull;
-  const uint64_t offset = allocateGrid(room);
+  const uint64_t offset = allocateGrid(
+      unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;
@@ -387,11 +385,11 @@ uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, con
   g->keyCount = uint8_t(keys);
   g->levels = 1;
   g->nu = uint16_t(count), g->nv = uint16_t(triangles);
-  g->positions = (offset + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g->positions = offset + sizeof(GridRecord);
   g->keyBytes = keyBytes;
-  uint64_t at = g->positions + unsigned(keys) * keyBytes + 64;
+  uint64_t at = g->positions + unsigned(keys) * keyBytes;
   if (displaced) {
-    g->normals = at, at += uint64_t(count) * 12;
+    g->normals = at, at += uint64_t(count) * sizeof(uint32_t);
     g->flags = kGridHasNormals;
   } else if (isPoints) {
     g->flags = kGridSprites, g->rowStride = points.cluster.sides;
@@ -434,9 +432,8 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
   const uint32_t count = m.record.vertexCount, triangles = m.record.triangleCount;
   const bool displaced = displacer && displacer->displaces(root.object);
   const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;
-  const uint64_t room = sizeof(GridRecord) + kPositionAlign + unsigned(keys) * keyBytes + 64 +
-                        (displaced ? uint64_t(count) * 12 : 0) + triangles * 3ull;
-  const uint64_t offset = allocateGrid(room);
+  const uint64_t offset = allocateGrid(
+      unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;
@@ -448,11 +445,11 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
   g->levels = 1;
   g->nu = uint16_t(count), g->nv = uint16_t(triangles);
   g->rowStride = 0;
-  g->positions = (offset + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g->positions = offset + sizeof(GridRecord);
   g->keyBytes = keyBytes;
-  uint64_t at = g->positions + unsigned(keys) * keyBytes + 64;
+  uint64_t at = g->positions + unsigned(keys) * keyBytes;
   if (displaced) {
-    g->normals = at, at += uint64_t(count) * 12;
+    g->normals = at, at += uint64_t(count) * sizeof(uint32_t);
     g->flags = kGridHasNormals;
   }
   g->indices = at;
@@ -519,12 +516,12 @@ void SceneCache::Impl::displace(const Skeleton& skeleton, NodeId nodeId, const O
       p[0] = to.x, p[1] = to.y, p[2] = to.z;
     }
     if (k > 0) continue;
-    float* normals = reinterpret_cast<float*>(arena.base() + g.normals);
+    auto* normals = reinterpret_cast<uint32_t*>(arena.base() + g.normals);
     for (size_t i = 0; i < n; ++i) {
       Vec3 normal(N[0][i], N[1][i], N[2][i]);
       const float length = std::sqrt(glm::dot(normal, normal));
       if (length > 0 && std::isfinite(length)) normal /= length;
-      for (int c = 0; c < 3; ++c) normals[i * 3 + unsigned(c)] = isFinite(normal) ? normal[c] : 0.0f;
+      normals[i] = packNormal(normal);
     }
   }
   furthest = std::sqrt(furthest);

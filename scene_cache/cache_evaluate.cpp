@@ -4,6 +4,7 @@
 
 #include "scene_cache/bezier.h"
 #include "scene_cache/cache_impl.h"
+#include "scene_cache/packed_normal.h"
 #include "scene_cache/primvar.h"
 #include "scene_cache/thin.h"
 #include "scene_cache/trim.h"
@@ -193,10 +194,8 @@ void SceneCache::evaluateDiced(NodeId id, size_t n, const uint32_t* cell, const 
       Vec3 p[3], m[3];
       for (uint32_t c = 0; c < 3; ++c) {
         const uint32_t k = std::min<uint32_t>(grid.indices[t * 3 + c], g->nu - 1u);
-        for (int x = 0; x < 3; ++x) {
-          p[c][x] = grid.positions[k * 3 + unsigned(x)];
-          m[c][x] = displaced ? grid.normals[k * 3 + unsigned(x)] : 0.0f;
-        }
+        for (int x = 0; x < 3; ++x) p[c][x] = grid.positions[k * 3 + unsigned(x)];
+        m[c] = displaced ? unpackNormal(grid.normals[k]) : Vec3(0);
       }
       const float w = 1 - u[i] - v[i];
       P = p[0] * w + p[1] * u[i] + p[2] * v[i];
@@ -211,15 +210,16 @@ void SceneCache::evaluateDiced(NodeId id, size_t n, const uint32_t* cell, const 
         const float* p = data + (size_t(b) * stride + size_t(a)) * 3;
         return Vec3(p[0], p[1], p[2]);
       };
-      const auto mix = [&](const float* data, size_t stride) {
-        const Vec3 low = at(data, stride, ci, cj) * (1 - fu) + at(data, stride, ci + 1, cj) * fu;
-        const Vec3 high = at(data, stride, ci, cj + 1) * (1 - fu) + at(data, stride, ci + 1, cj + 1) * fu;
+      const auto mix = [&](auto&& corner) {
+        const Vec3 low = corner(ci, cj) * (1 - fu) + corner(ci + 1, cj) * fu;
+        const Vec3 high = corner(ci, cj + 1) * (1 - fu) + corner(ci + 1, cj + 1) * fu;
         return low * (1 - fv) + high * fv;
       };
-      P = mix(grid.positions, g->rowStride);
+      P = mix([&](int a, int b) { return at(grid.positions, g->rowStride, a, b); });
       normal = Vec3(0);
       if (displaced) {
-        normal = mix(grid.normals, size_t(g->nu) + 1);
+        normal = mix(
+            [&](int a, int b) { return unpackNormal(grid.normals[size_t(b) * (g->nu + 1u) + size_t(a)]); });
         const size_t stride = g->rowStride;
         const float* p = grid.positions;
         du = (at(p, stride, ci + 1, cj) - at(p, stride, ci, cj)) * (1 - fv) +

@@ -90,7 +90,9 @@ struct SceneCache::Impl {
   /// False: no room.
   bool addRootNodes(const Skeleton& skeleton);
   /// Offsets; 0: no room.
-  uint64_t allocateGrid(uint64_t bytes);
+  /// Room for a GridRecord and so many bytes behind it, which start at a multiple of kPositionAlign: offset
+  /// of the record, 0 when there is none.
+  uint64_t allocateGrid(uint64_t bytesBehind);
   uint64_t allocateChildren();
   /// Threads go on with fresh chunks. While nobody dices.
   void dropChunks();

@@ -71,18 +71,18 @@ uint64_t SceneCache::Impl::copyGrid(const SceneCache& from, const GridRecord& o,
   const uint64_t points = isGrid ? uint64_t(o.rowStride) * o.nv + o.nu + 1u : o.nu;
   const uint64_t vertices = isGrid ? uint64_t(o.nu + 1u) * (o.nv + 1u) : o.nu;
   const uint64_t keyBytes = (points * 12 + 15) / 16 * 16;
-  const uint64_t normalBytes = v.normals ? vertices * 12 : 0, indexBytes = isGrid ? 0 : o.nv * 3ull;
-  const uint64_t offset = allocateGrid(sizeof(GridRecord) + kPositionAlign + o.keyCount * keyBytes + 64 +
-                                       normalBytes + indexBytes);
+  const uint64_t normalBytes = v.normals ? vertices * sizeof(uint32_t) : 0,
+                 indexBytes = isGrid ? 0 : o.nv * 3ull;
+  const uint64_t offset = allocateGrid(o.keyCount * keyBytes + normalBytes + indexBytes);
   if (!offset) return 0;
   auto* g = new (arena.base() + offset) GridRecord(o);
   g->node = id_;
   g->keyBytes = keyBytes;
-  g->positions = (offset + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign;
+  g->positions = offset + sizeof(GridRecord);
   for (uint32_t k = 0; k < o.keyCount; ++k)
     std::memcpy(arena.base() + g->positions + k * keyBytes,
                 reinterpret_cast<const std::byte*>(v.positions) + k * o.keyBytes, points * 12);
-  uint64_t at = g->positions + o.keyCount * keyBytes + 64;
+  uint64_t at = g->positions + o.keyCount * keyBytes;
   if (v.normals) {
     g->normals = at, at += normalBytes;
     std::memcpy(arena.base() + g->normals, v.normals, normalBytes);

@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 8;
+inline constexpr uint32_t kFormatVersion = 9;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -283,7 +283,7 @@ struct alignas(64) GridRecord {
   uint32_t rowStride;        // in vertices; kGridSprites: vertices a sprite
   uint64_t positions;        // arena offset of key 0; multiple of kPositionAlign
   uint64_t keyBytes;         // distance between keys
-  uint64_t normals;          // arena offset of float[3] per vertex (dense, (nu+1)*(nv+1)), 0: none
+  uint64_t normals;          // arena offset of a packed normal (packed_normal.h) per vertex, dense; 0: none
   uint64_t indices;          // meshlet triangles, 0: none
   float deviation[kLevels];  // largest measured distance of stride 2^i to the stride-1 surface (index 0: to
                              // the true one)

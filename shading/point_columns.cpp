@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "base/random.h"
+#include "scene_cache/packed_normal.h"
 
 namespace fr {
 
@@ -242,7 +243,10 @@ void PointColumns::fill(const ShadePoints& points, const ShadeSetup& setup) {
       const Vec3 P = view.vertex(at);
       for (uint32_t c = 0; c < 3; ++c) {
         column(kP + c)[i] = P[int(c)];
-        if (view.normals) column(kN + c)[i] = view.normals[3 * vertex + c];
+      }
+      if (view.normals) {
+        const Vec3 N = cache::unpackNormal(view.normals[vertex]);
+        for (uint32_t c = 0; c < 3; ++c) column(kN + c)[i] = N[int(c)];
       }
       seeds_[i] = hashStep(points.gridSeed, vertex);
     }

@@ -21,7 +21,8 @@ namespace {
 constexpr uint64_t kStep = uint64_t(2) << 20;  // what one madvise lets go
 /// How often the sums are looked at: two threads that fault pages in at 2 GB/s take 16 MB in the meantime.
 constexpr std::chrono::milliseconds kPeriod{4};
-/// The sum is kept this much under the budget, for what happens between two looks.
+/// The sum is kept at least this much under the budget, for what happens between two looks; more where more
+/// has been seen to happen, as on a machine with other things to do.
 constexpr uint64_t kMargin = uint64_t(32) << 20;
 /// How often it is looked at which pages are shared, in looks: that costs a millisecond per gigabyte.
 constexpr uint64_t kLooksPerShares = 16;
@@ -29,6 +30,9 @@ constexpr uint64_t kLooksPerShares = 16;
 constexpr uint64_t kLeastFiles = uint64_t(4) << 20;
 /// No more than this is taken for programs and libraries: a scene may have been read before the pager starts.
 constexpr uint64_t kMostLibraries = uint64_t(24) << 20;
+/// Looks after which a sudden growth counts a third.
+constexpr uint64_t kLooksToForget = 512;
+constexpr size_t kMostUnwritten = 4096;
 
 }  // namespace
 
@@ -63,8 +67,50 @@ struct Pager::State {
   uint64_t at = 0;
   bool warned = false;
   uint64_t looks = 0, twice = 0, filesThen = 0;
-  uint64_t floor = 0;  // resident bytes of files that are not let go
+  uint64_t floor = 0;    // resident bytes of files that are not let go
+  uint64_t sumThen = 0;  // after the last look
+  uint64_t growth = 0;   // the most by which looks found it larger than then
   std::thread thread;
+
+  // Writing waits for the disk, looking must not.
+  struct Piece {
+    int fd;
+    uint64_t offset, bytes;
+  };
+  std::mutex writing;
+  std::condition_variable written;
+  std::vector<Piece> toWrite;  // under writing
+  bool closing = false;        // under writing
+  std::thread writer;
+
+  void write() {
+    std::unique_lock lock(writing);
+    for (;;) {
+      written.wait(lock, [this] { return closing || !toWrite.empty(); });
+      if (closing) return;
+      const Piece p = toWrite.back();
+      toWrite.pop_back();
+      lock.unlock();
+      ::sync_file_range(p.fd, off64_t(p.offset), off64_t(p.bytes), SYNC_FILE_RANGE_WRITE);
+      lock.lock();
+    }
+  }
+
+  void writeLater(const Piece& p) {
+    {
+      const std::lock_guard lock(writing);
+      if (!toWrite.empty()) {
+        Piece& last = toWrite.back();
+        if (last.fd == p.fd && last.offset + last.bytes == p.offset) {
+          last.bytes += p.bytes;
+          return;
+        }
+      }
+      // The kernel writes what it is not asked to as well, only later.
+      if (toWrite.size() < kMostUnwritten) toWrite.push_back(p);
+    }
+    written.notify_one();
+  }
 
   void run() {
     std::unique_lock lock(mutex);
@@ -84,14 +130,19 @@ struct Pager::State {
     const uint64_t sum = held(own.total + peer.total, own.files + peer.files, other);
     uint64_t old = peak.load(std::memory_order_relaxed);
     if (sum > old) peak.store(sum, std::memory_order_relaxed);
-    const uint64_t margin = std::min(kMargin + options.budget / 32, options.budget / 6);
+    const uint64_t grown = sum - std::min(sum, sumThen);
+    sumThen = sum;
+    growth = std::max(grown, growth - growth / kLooksToForget);
+    const uint64_t least = std::min(kMargin + options.budget / 32, options.budget / 6);
+    const uint64_t margin = std::clamp(growth + growth / 2, least, options.budget / 4);
     const uint64_t limit = options.budget - margin;
     if (sum <= limit) return;
     // Each process lets go of its share; somewhat more, so that this need not be done at every look.
     const uint64_t excess = sum - limit + options.budget / 64;
     const uint64_t files = own.files + peer.files;
     const uint64_t share = files > 0 ? uint64_t(double(excess) * double(own.files) / double(files)) : 0;
-    if (own.files > floor) letPagesGo(own.files, std::min(share, own.files - floor));
+    if (own.files > floor)
+      sumThen -= std::min(sumThen, letPagesGo(own.files, std::min(share, own.files - floor)));
     // Private memory has to go when files alone cannot make room.
     const uint64_t most = files > 2 * floor ? files - 2 * floor : 0;
     if (excess > most / 2 && options.giveBack) {
@@ -122,9 +173,9 @@ struct Pager::State {
     return resident - std::min(resident, uint64_t(double(twice) * left));
   }
 
-  /// Moves the hand until `wanted` bytes less are resident, at most once around.
-  void letPagesGo(uint64_t residentFiles, uint64_t wanted) {
-    if (ranges.empty() || wanted == 0) return;
+  /// Moves the hand until `wanted` bytes less are resident, at most once around; returns how many less are.
+  uint64_t letPagesGo(uint64_t residentFiles, uint64_t wanted) {
+    if (ranges.empty() || wanted == 0) return 0;
     uint64_t whole = 0;
     for (const PagedRange& r : ranges) whole += r.bytes();
     const uint64_t goal = residentFiles - std::min(wanted, residentFiles);
@@ -141,15 +192,16 @@ struct Pager::State {
       const uint64_t n = std::min(kStep, size - at);
       // What is dirty stays with the kernel until it is written.
       ::madvise(r.data + at, n, MADV_DONTNEED);
-      ::sync_file_range(r.fd, off64_t(r.offset + at), off64_t(n), SYNC_FILE_RANGE_WRITE);
+      writeLater({r.fd, r.offset + at, n});
       at += n, moved += n;
       if (steps % kStepsBetweenLooks == kStepsBetweenLooks - 1) {
         const uint64_t now = residentBytes(0).files;
         if (now <= goal) break;
       }
     }
-    const uint64_t now = residentBytes(0).files;
-    if (now < residentFiles) letGo.fetch_add(residentFiles - now, std::memory_order_relaxed);
+    const uint64_t gone = residentFiles - std::min(residentFiles, residentBytes(0).files);
+    letGo.fetch_add(gone, std::memory_order_relaxed);
+    return gone;
   }
 };
 
@@ -162,6 +214,7 @@ Result<std::unique_ptr<Pager>> Pager::start(PagerOptions options, std::vector<Pa
   s.ranges = std::move(ranges);
   s.floor = std::min(residentBytes(0).files, kMostLibraries) + kLeastFiles;
   try {
+    s.writer = std::thread([&s] { s.write(); });
     s.thread = std::thread([&s] { s.run(); });
   } catch (const std::system_error& e) {
     return makeError(RiError::kSystem, "no thread can be started to hold the memory budget: {}", e.what());
@@ -176,6 +229,12 @@ Pager::~Pager() {
   }
   state_->wake.notify_all();
   if (state_->thread.joinable()) state_->thread.join();
+  {
+    const std::lock_guard lock(state_->writing);
+    state_->closing = true;
+  }
+  state_->written.notify_all();
+  if (state_->writer.joinable()) state_->writer.join();
 }
 
 void Pager::look() { state_->look(); }

@@ -78,9 +78,27 @@ std::string manyPoints() {
   return fmt::format("Points \"P\" [{}] \"constantwidth\" [0.01]\n", points);
 }
 
+/// Stands for a displacement shader.
+class Outwards : public cache::Displacer {
+ public:
+  explicit Outwards(const cache::Skeleton& skeleton) : skeleton_(skeleton) {}
+  bool displaces(cache::ObjectId id) const override {
+    return skeleton_.attributes()[skeleton_.objects()[id].attributes].displacement != cache::kNone;
+  }
+  void displace(cache::NodeId, size_t n, const uint32_t*, const float*, const float*, int, int,
+                float* const P[3], float* const N[3]) override {
+    for (int c = 0; c < 3; ++c)
+      for (size_t i = 0; i < n; ++i) P[c][i] += 0.05f * N[c][i];
+  }
+
+ private:
+  const cache::Skeleton& skeleton_;
+};
+
 struct Diced {
   cache::Frame frame;
   std::unique_ptr<cache::SceneCache> cache;
+  std::unique_ptr<Outwards> displacer;
   uint64_t faces = 0, grids = 0;
 };
 
@@ -117,6 +135,8 @@ Diced dice(const std::string& rib,
   auto c = cache::SceneCache::create(d.frame.skeletonFd());
   if (!c) stop(c.error());
   d.cache = *std::move(c);
+  d.displacer = std::make_unique<Outwards>(d.cache->skeleton());
+  d.cache->setDisplacer(d.displacer.get());
   for (cache::NodeId root = 0; root < d.cache->skeleton().rootPatches().size(); ++root)
     visit(*d.cache, root, [&](cache::NodeId, const cache::GridRecord& g) {
       d.faces += g.kind == cache::GridKind::kMeshlet ? g.nv : uint64_t(g.nu) * g.nv;
@@ -151,6 +171,11 @@ std::vector<MemoryCase> memoryCases() {
   constexpr double kGrids = 40, kMeshes = 50;
   return {
       {"sphere", world(0.5, "Sphere 1 -1 1 360\n"), false, kGrids, kGrids},
+      {"displaced sphere",
+       world(0.5,
+             "Displacement \"outwards\"\nAttribute \"displacementbound\" \"float sphere\" [0.05]\nSphere 1 "
+             "-1 1 360\n"),
+       false, kGrids, kGrids},
       {"torus", world(0.5, "Torus 1 0.3 0 360 360\n"), false, kGrids, kGrids},
       {"bilinear patch", world(0.1, "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 1  -1 1 1  1 1 0]\n"), false,
        kGrids, kGrids},
@@ -158,7 +183,7 @@ std::vector<MemoryCase> memoryCases() {
       {"NURBS", world(0.1, nurbs), false, kGrids, kGrids},
       {"subdivision", world(0.25, cube), false, kGrids, kGrids},
       {"moving sphere", world(0.5, moving), false, 0, 100},
-      {"small patches", world(1, small), false, 0, 300},
+      {"small patches", world(1, small), false, 0, 260},
       {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes, 43},
       {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes, 43},
       {"curves", world(1, manyCurves()), true, kMeshes, kMeshes},

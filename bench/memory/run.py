@@ -64,29 +64,34 @@ class Bench:
 
 
 def one_or_two(b):
+    """What a second renderer costs: two scenes as in 1998, one scene, and one renderer."""
     b.say('### One scene or two\n')
-    rib = scenes.one_or_two(b.folder)
+    figures = {}
     threads = ['--threads', str(b.arguments.threads)]
     base = [b.program('frankenrender'), '--no-progress'] + threads
-    runs = {
-        'two scenes (--pipe)': b.watch(base + ['--pipe', rib]),
-        'one scene (--shm)': b.watch(base + ['--shm', rib]),
-        'rendrib alone': b.watch([b.program('rendrib'), '-silent', '-threads', str(b.arguments.threads), '-patch_multiplier', '0.5', rib]),
-    }
-    rows = []
-    for name, run in runs.items():
-        names = sorted({n for _, row in run.samples for n in row})
-        parts = []
-        for n in names:
-            at = max((row[n] for _, row in run.samples if n in row), key=lambda m: m['pss'])
-            parts.append(f'{n}: PSS {mib(at["pss"])}, private {mib(at["private"])}, shared {mib(at["shared"])}')
-        rows.append([name, f'{run.seconds:.1f}' + ('' if run.status == 0 else f' (status {run.status})'), mib(run.peak()), '; '.join(parts)])
-    b.table(['', 'seconds', 'peak PSS of all, MiB', 'each at its own peak, MiB'], rows)
-    pipe, shm, alone = (r.peak() for r in runs.values())
-    b.say(f'One scene costs {shm / alone:.2f} of rendrib alone (goal 1.15) and {shm / pipe:.2f} of two scenes (goal 0.6).\n')
-    series = {name: [(t, v / MIB) for t, v in run.total()] for name, run in runs.items()}
-    b.chart('one_or_two', svg.lines('Memory of all processes', 'seconds', 'PSS, MiB', series))
-    return {name: {'seconds': r.seconds, 'peak': r.peak(), 'samples': r.samples} for name, r in runs.items()}
+    for label, rib in (('stones, most of them behind others or out of view', scenes.one_or_two(b.folder)),
+                       ('open ground, all of it in view', scenes.landscape(b.folder))):
+        runs = {
+            'two scenes (--pipe)': b.watch(base + ['--pipe', rib]),
+            'one scene (--shm)': b.watch(base + ['--shm', rib]),
+            'rendrib alone': b.watch([b.program('rendrib'), '-silent', '-threads', str(b.arguments.threads), '-patch_multiplier', '0.5', rib]),
+        }
+        rows = []
+        for name, run in runs.items():
+            parts = []
+            for n in sorted({n for _, row in run.samples for n in row}):
+                at = max((row[n] for _, row in run.samples if n in row), key=lambda m: m['pss'])
+                parts.append(f'{n}: PSS {mib(at["pss"])}, private {mib(at["private"])}, shared {mib(at["shared"])}')
+            rows.append([name, f'{run.seconds:.1f}' + ('' if run.status == 0 else f' (status {run.status})'), mib(run.peak()), '; '.join(parts)])
+        b.say(f'{label.capitalize()}:\n')
+        b.table(['', 'seconds', 'peak PSS of all, MiB', 'each at its own peak, MiB'], rows)
+        pipe, shm, alone = (r.peak() for r in runs.values())
+        b.say(f'One scene costs {shm / alone:.2f} of rendrib alone (goal 1.15) and {shm / pipe:.2f} of two scenes (goal 0.6).\n')
+        series = {name: [(t, v / MIB) for t, v in run.total()] for name, run in runs.items()}
+        chart = 'one_or_two' if 'stones' in rib else 'one_or_two_landscape'
+        b.chart(chart, svg.lines('Memory of all processes', 'seconds', 'PSS, MiB', series))
+        figures[rib] = {name: {'seconds': r.seconds, 'peak': r.peak(), 'samples': r.samples} for name, r in runs.items()}
+    return figures
 
 
 def bytes_by_type(b):

@@ -60,7 +60,8 @@ void Tally::add(const ResolvedNode& n) {
       ++shared, bytes += 12 * sizeof(float);
     } else {
       const uint64_t points = isMeshlet ? vertices : uint64_t(g.rowStride) * g.nv + g.nu + 1u;
-      bytes += (g.keyCount * points + (g.normals ? vertices : 0)) * 12 + (isMeshlet ? g.nv * 3u : 0u);
+      bytes += g.keyCount * points * 12 + (g.normals ? vertices * sizeof(uint32_t) : 0) +
+               (isMeshlet ? g.nv * 3u : 0u);
     }
   }
 }
