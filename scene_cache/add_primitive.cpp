@@ -7,7 +7,7 @@
 namespace fr::cache {
 
 Adding::Adding(SkeletonWriter& w, const PrimitiveDesc& d) : writer(w), desc(d) {
-  const TransformKeys& keys = w.transform(d.transform);
+  const TransformKeys keys = w.transform(d.transform);
   const float* shutter = w.camera().shutter;
   const int count = gridKeyCount(keyTimes(), keys.matrices, keys.times, shutter);
   for (int k = 0; k < count; ++k) {
@@ -22,7 +22,7 @@ Adding::Adding(SkeletonWriter& w, const PrimitiveDesc& d) : writer(w), desc(d) {
 
 DiceRate Adding::rate(PrimitiveType type) const {
   DMat4 cacheToCamera(1);
-  const TransformKeys& camera = writer.transform(writer.camera().worldToCamera);
+  const TransformKeys camera = writer.transform(writer.camera().worldToCamera);
   if (!camera.matrices.empty())
     cacheToCamera = interpolateMotion(camera.times, camera.matrices, writer.camera().shutter[0]);
   cacheToCamera[3] = cacheToCamera * DVec4(writer.cacheOrigin(), 1.0);

@@ -27,7 +27,6 @@ struct Chunk {
 constexpr uint64_t kChunkBytes = 128 << 10;
 /// Embree loads 16 bytes for a position of 12; so much more than it may read is readable behind any of them.
 constexpr uint64_t kReadBehind = 64;
-constexpr uint64_t kLookEvery = 4 << 20;  // bytes of new grids between two looks of the pager
 
 /// Claims that this thread holds; while there is one it never waits.
 thread_local int claimsHeld = 0;
@@ -42,6 +41,7 @@ SceneCache::SceneCache() : impl_(std::make_unique<Impl>()) {}
 SceneCache::~SceneCache() = default;
 
 SceneCache::Impl::~Impl() {
+  paged.clear();
   if (skeletonMap) munmap(skeletonMap, skeletonSize);
   if (skeletonFd >= 0) close(skeletonFd);
   if (ownerFd >= 0) close(ownerFd);  // releases the lock
@@ -58,11 +58,20 @@ Result<void> SceneCache::Impl::mapSkeleton(int fd, Skeleton* out) {
   void* p = mmap(nullptr, skeletonSize, PROT_READ, MAP_SHARED, skeletonFd, 0);
   if (p == MAP_FAILED) return makeError(RiError::kSystem, "cannot map the scene: {}", std::strerror(errno));
   skeletonMap = static_cast<std::byte*>(p);
+  paged.emplace_back(shm::PagedRange{skeletonMap, [this] { return uint64_t(skeletonSize); }, skeletonFd, 0});
   // Written by this program a moment ago; files are verified by openFile().
   auto s = Skeleton::open({skeletonMap, skeletonSize}, false);
   if (!s) return std::move(s).error();
   *out = *s;
   return {};
+}
+
+void SceneCache::Impl::pageStores() {
+  // Their first pages hold what every allocation changes.
+  for (const SharedStore* s : {&arena, &nodes})
+    paged.emplace_back(shm::PagedRange{s->base() + kStoreHeaderBytes,
+                                       [s] { return s->size() - std::min(s->size(), kStoreHeaderBytes); },
+                                       s->fd(), kStoreHeaderBytes});
 }
 
 Result<void> SceneCache::Impl::takeOwnerSlot() {
@@ -136,6 +145,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd, const std
   auto arena = SharedStore::create("fr-arena", kArenaMagic, scratch);
   if (!arena) return std::move(arena).error();
   d.arena = *std::move(arena);
+  d.pageStores();
   if (!d.addRootNodes(c->skeleton_)) {
     return makeError(RiError::kNoMem, "no memory for the {} patches of the scene",
                      c->skeleton_.rootPatches().size());
@@ -156,6 +166,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool
   auto arena = SharedStore::attach(fds.arena, kArenaMagic, readOnly);
   if (!arena) return std::move(arena).error().context("grids");
   d.arena = *std::move(arena);
+  d.pageStores();
   if (d.nodeCount() < c->skeleton_.rootPatches().size()) {
     return makeError(RiError::kBadFile, "the scene cache has {} nodes for {} patches", d.nodeCount(),
                      c->skeleton_.rootPatches().size());
@@ -171,21 +182,7 @@ SceneCache::Segments SceneCache::segments() const {
   return {impl_->skeletonFd, impl_->nodes.fd(), impl_->arena.fd()};
 }
 
-void SceneCache::setPager(shm::Pager* pager) { impl_->pager.store(pager); }
 void SceneCache::setMeetsRays(bool meets) { impl_->meetsRays = meets; }
-
-std::vector<shm::PagedRange> SceneCache::pagedRanges() const {
-  Impl& d = *impl_;
-  // The first pages of stores hold what every allocation changes.
-  const auto store = [](const SharedStore& s) {
-    return shm::PagedRange{s.base() + kStoreHeaderBytes,
-                           [&s] { return s.size() - std::min(s.size(), kStoreHeaderBytes); }, s.fd(),
-                           kStoreHeaderBytes};
-  };
-  return {store(d.arena),
-          store(d.nodes),
-          {d.skeletonMap, [&d] { return uint64_t(d.skeletonSize); }, d.skeletonFd, 0}};
-}
 
 // ---- nodes
 // ---------------------------------------------------------------------------------------------------------
@@ -256,11 +253,7 @@ uint64_t SceneCache::Impl::allocateGrid(uint64_t bytesBehind) {
       return 0;
     }
     *c = {id, start, start + size};
-    if (shm::Pager* p = pager.load(std::memory_order_relaxed);
-        p && unlooked.fetch_add(size, std::memory_order_relaxed) + size >= kLookEvery) {
-      unlooked.store(0, std::memory_order_relaxed);
-      p->look();
-    }
+    shm::noteGrowth(size);
   }
   const uint64_t r = recordFrom(c->at);
   c->at = r + bytes;

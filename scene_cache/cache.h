@@ -194,10 +194,6 @@ class SceneCache {
   /// FileFooter::displacement of an opened file.
   uint64_t displacement() const;
   Segments segments() const;
-  /// What a pager may let go of, if the cache was made in a scratch folder: the three mappings.
-  std::vector<shm::PagedRange> pagedRanges() const;
-  /// Who is to look after every few megabytes of new grids; nullptr: nobody. Must outlive all dicing.
-  void setPager(shm::Pager* pager);
 
   /// False: no ray will meet what is diced from now on, so how far grids deviate from what they stand for is
   /// not measured (GridRecord::deviation stays 0). Nobody may trace or save such grids.

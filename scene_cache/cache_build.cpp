@@ -85,6 +85,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::createInFile(int skeletonFd, con
   auto nodeStore = SharedStore::attach(nodes.get(), kNodesMagic, false);
   if (!nodeStore) return std::move(nodeStore).error();
   d.nodes = *std::move(nodeStore);
+  d.pageStores();
   if (!d.addRootNodes(c->skeleton_))
     return fileError(folder, "no room for the scene cache's patches", whyNoRoom(nodes.get()));
   if (auto r = d.takeOwnerSlot(); !r) return std::move(r).error();

@@ -56,13 +56,12 @@ struct SceneCache::Impl {
   size_t skeletonSize = 0;
   SharedStore nodes, arena;
   bool readOnly = false;
-  std::atomic<shm::Pager*> pager{nullptr};
+  std::vector<shm::PagedMapping> paged;
   bool meetsRays = true;
-  std::atomic<uint64_t> unlooked{0};  // bytes of grids since the pager was asked to look
-  uint64_t id = 0;                    // of this instance within the process, for the threads' chunks
-  std::unique_ptr<FileBuild> build;   // grids go to this file
-  std::atomic<bool> noRoom{false};    // a grid could not be stored
-  uint64_t displacement = 0;          // FileFooter::displacement of the file that this is
+  uint64_t id = 0;                   // of this instance within the process, for the threads' chunks
+  std::unique_ptr<FileBuild> build;  // grids go to this file
+  std::atomic<bool> noRoom{false};   // a grid could not be stored
+  uint64_t displacement = 0;         // FileFooter::displacement of the file that this is
   std::unique_ptr<GridSource> gridSource;
 
   // ---- ownership of claims: a slot whose byte of the nodes file this process has locked
@@ -81,6 +80,7 @@ struct SceneCache::Impl {
 
   Result<void> mapSkeleton(int fd, Skeleton* out);
   Result<void> takeOwnerSlot();
+  void pageStores();  // from now on a pager may let go of nodes and grids
   void deriveFrom(const Skeleton& skeleton);
   /// Whether whoever wrote this building word still lives.
   bool ownerAlive(uint64_t word) const;

@@ -111,7 +111,7 @@ float SceneBuilder::sharedRate(const Retained& known, const AttributeRecord& att
   if (known.bound.empty()) return 0;
   World& w = *world_;
   if (!w.eye) {
-    const TransformKeys& camera = w.writer.transform(w.writer.camera().worldToCamera);
+    const TransformKeys camera = w.writer.transform(w.writer.camera().worldToCamera);
     DMat4 cacheToCamera = interpolateMotion(camera.times, camera.matrices, w.writer.camera().shutter[0]);
     cacheToCamera[3] = cacheToCamera * DVec4(w.writer.cacheOrigin(), 1.0);
     w.eye = diceEye(w.writer.camera(), cacheToCamera);

@@ -60,7 +60,8 @@ ScreenExtent SceneBuilder::extentOf(const ri::Transform& objectToWorld, const ri
   const SkeletonWriter& w = world_->writer;
   ScreenCamera camera;
   camera.record = w.camera();
-  camera.worldToCamera = w.transform(camera.record.worldToCamera).matrices;
+  const TransformKeys keys = w.transform(camera.record.worldToCamera);
+  camera.worldToCamera = keys.matrices;
   for (int i = 0; i < 2; ++i) camera.filterRadius[i] = double(w.options().filterWidth[i]) / 2;
   ScreenExtent e = screenExtent(camera, objectToWorld.matrices, bound);
   if (e.pixels < double(kRiInfinity)) e.pixels *= state().options().relativeDetail;

@@ -7,12 +7,12 @@
 #include <bit>
 #include <cerrno>
 #include <cstring>
-#include <map>
-#include <tuple>
 #include <unordered_map>
 
 #include "ri/param_list.h"
 #include "scene_cache/cache.h"
+#include "scene_cache/growing_table.h"
+#include "scene_cache/recent_content.h"
 #include "shm/segment.h"
 
 #define XXH_INLINE_ALL
@@ -21,15 +21,8 @@
 namespace fr::cache {
 namespace {
 
-struct ContentHash {
-  uint64_t low, high;
-  bool operator==(const ContentHash&) const = default;
-};
-struct HashOfHash {
-  size_t operator()(const ContentHash& h) const { return size_t(h.low); }
-};
 /// What a hash stands for: equal bytes of two kinds are two things.
-enum class Content : uint64_t { kBlob = 1, kParams, kTransform, kShader, kLightList, kAttributes };
+enum class Content : uint64_t { kBlob = 1, kParams, kTransform, kShader, kLightList, kAttributes, kSurface };
 
 ContentHash hashOf(Content kind, std::span<const std::byte> bytes, uint64_t extra = 0) {
   const XXH128_hash_t h = XXH3_128bits_withSeed(bytes.data(), bytes.size(), uint64_t(kind) << 32 | extra);
@@ -71,10 +64,14 @@ Result<int> seal(shm::Segment segment, uint64_t bytes, bool memory) {
 }  // namespace
 
 struct SkeletonWriter::Impl {
-  Impl(shm::Segment s, bool inMemory) : segment(std::move(s)), memory(inMemory) {}
+  Impl(shm::Segment s, std::string folder)
+      : segment(std::move(s)),
+        paged({segment.data(), [this] { return segment.size(); }, segment.descriptor(), 0}),
+        scratch(std::move(folder)) {}
 
   shm::Segment segment;
-  bool memory;
+  shm::PagedMapping paged;
+  std::string scratch;
   uint64_t end = alignUp(sizeof(SkeletonHeader), kTableAlign);
   std::optional<Error> error;
 
@@ -83,22 +80,25 @@ struct SkeletonWriter::Impl {
   DVec3 cacheOrigin{0};
 
   std::unordered_map<std::string_view, StringId> stringIds;  // views into the segment, which never moves
-  std::unordered_map<ContentHash, Range, HashOfHash> blobs;
-  std::unordered_map<ContentHash, Slice, HashOfHash> runs;  // params, light lists
-  std::unordered_map<ContentHash, uint32_t, HashOfHash> records;
-  std::map<std::tuple<AttributeId, TransformId, SolidId>, uint32_t> surfaceGroups;
+  // There are as many of these as a scene has objects.
+  RecentContent<Range> blobs;
+  RecentContent<Slice> paramRuns;
+  RecentContent<uint32_t> transformIds, attributeIds, surfaceGroups;
+  uint32_t surfaceGroupCount = 0;
+  // Of these there are few.
+  std::unordered_map<ContentHash, Slice, HashOfHash> lightRuns;
+  std::unordered_map<ContentHash, ShaderId, HashOfHash> shaderIds;
 
   std::vector<StringRecord> strings;
-  std::vector<ParamRecord> params;
-  std::vector<TransformRecord> transforms;
-  std::vector<TransformKeys> transformKeys;
+  GrowingTable<ParamRecord> params{scratch};
+  GrowingTable<TransformRecord> transforms{scratch};
   std::vector<ShaderRecord> shaders;
   std::vector<ShaderId> lightLists;
   std::vector<NamedSpaceRecord> namedSpaces;
-  std::vector<AttributeRecord> attributes;
-  std::vector<ObjectRecord> objects;
-  std::vector<RootPatchRecord> rootPatches;
-  std::vector<EdgeRecord> edges;
+  GrowingTable<AttributeRecord> attributes{scratch};
+  GrowingTable<ObjectRecord> objects{scratch};
+  GrowingTable<RootPatchRecord> rootPatches{scratch};
+  GrowingTable<EdgeRecord> edges{scratch};
   std::vector<DisplayRecord> displays;
   std::vector<StringId> searchPaths;
   std::vector<SolidRecord> solids;
@@ -108,8 +108,8 @@ struct SkeletonWriter::Impl {
     return false;
   }
   /// True when a table may take `more` entries.
-  template <class T>
-  bool room(const std::vector<T>& table, size_t more, const char* what) {
+  template <class Table>
+  bool room(const Table& table, size_t more, const char* what) {
     if (error) return false;
     if (more <= size_t(kNone) - 1 - table.size()) return true;
     return fail(makeError(RiError::kLimit, "the scene has more than {} {}", kNone - 1, what));
@@ -130,6 +130,7 @@ struct SkeletonWriter::Impl {
     // The gap of the alignment is zero already: the segment is fresh memory.
     *range = {offset, bytes};
     end = offset + bytes;
+    shm::noteGrowth(bytes);
     return segment.data() + offset;
   }
   /// Moves a table to the segment and frees it.
@@ -144,14 +145,31 @@ struct SkeletonWriter::Impl {
     std::vector<T>().swap(table);
     return r;
   }
+  /// In pieces, so that pages of both can go meanwhile.
   template <class T>
-  Slice addRun(Content kind, std::vector<T>& table, std::span<const T> run, const char* what) {
-    if (run.empty() || !room(table, run.size(), what)) return {};
-    const ContentHash key = hashOf(kind, std::as_bytes(run));
-    const Slice fresh{uint32_t(table.size()), uint32_t(run.size())};
-    const auto [it, inserted] = runs.try_emplace(key, fresh);
-    if (inserted) table.insert(table.end(), run.begin(), run.end());
-    return it->second;
+  Range flush(GrowingTable<T>& table) {
+    constexpr size_t kPiece = std::max<size_t>(1, (size_t(2) << 20) / sizeof(T));
+    Range whole;
+    std::span<const T> rest = table.all();
+    if (!append(0, kTableAlign, &whole)) return {};
+    while (!rest.empty()) {
+      const auto piece = std::as_bytes(rest.first(std::min(rest.size(), kPiece)));
+      Range r;
+      std::byte* to = append(piece.size(), 1, &r);
+      if (!to) return {};
+      std::memcpy(to, piece.data(), piece.size());
+      shm::noteGrowth(piece.size());  // read
+      rest = rest.subspan(std::min(rest.size(), kPiece));
+    }
+    whole.count = table.size();
+    table.clear();
+    return whole;
+  }
+  template <class T>
+  bool add(GrowingTable<T>& table, std::span<const T> records, const char* what) {
+    if (!room(table, records.size(), what)) return false;
+    auto r = table.append(records);
+    return r || fail(std::move(r).error());
   }
 };
 
@@ -168,7 +186,7 @@ Result<SkeletonWriter> SkeletonWriter::create(const std::string& scratch) {
   auto segment = scratch.empty() ? shm::Segment::createAnonymous(options, kGrowStep)
                                  : shm::Segment::createScratch(scratch, options, kGrowStep);
   if (!segment) return std::move(segment).error();
-  SkeletonWriter w(std::make_unique<Impl>(std::move(segment).value(), scratch.empty()));
+  SkeletonWriter w(std::make_unique<Impl>(std::move(segment).value(), scratch));
   w.intern("");
   if (!w.ok()) return *w.impl_->error;
   return w;
@@ -210,12 +228,12 @@ Range SkeletonWriter::addBlob(std::span<const std::byte> bytes, size_t align) {
   FR_CHECK(std::has_single_bit(align) && align <= 4096);
   if (bytes.empty() || m.error) return {};
   const ContentHash key = hashOf(Content::kBlob, bytes, align);
-  if (const auto it = m.blobs.find(key); it != m.blobs.end()) return it->second;
+  if (const Range* known = m.blobs.find(key)) return *known;
   Range r;
   std::byte* to = m.append(bytes.size(), align, &r);
   if (!to) return {};
   std::memcpy(to, bytes.data(), bytes.size());
-  m.blobs.emplace(key, r);
+  m.blobs.add(key, r);
   return r;
 }
 
@@ -233,23 +251,25 @@ std::byte* SkeletonWriter::appendUninitialized(size_t bytes, size_t align, Range
 TransformId SkeletonWriter::addTransform(const TransformKeys& keys) {
   Impl& m = *impl_;
   FR_CHECK(!keys.matrices.empty() && keys.matrices.size() == keys.times.size());
-  if (!m.room(m.transforms, 1, "transforms")) return 0;
+  if (m.error) return 0;
   // Equal keys have equal ranges, because blobs are shared.
   const TransformRecord record{addArray(std::span<const float>(keys.times)),
                                addArray(std::span<const DMat4>(keys.matrices), 16)};
   if (m.error) return 0;
-  const auto [it, inserted] =
-      m.records.try_emplace(hashOf(Content::kTransform, bytesOf(record)), uint32_t(m.transforms.size()));
-  if (inserted) {
-    m.transforms.push_back(record);
-    m.transformKeys.push_back(keys);
-  }
-  return it->second;
+  const ContentHash key = hashOf(Content::kTransform, bytesOf(record));
+  if (const uint32_t* known = m.transformIds.find(key)) return *known;
+  const auto id = TransformId(m.transforms.size());
+  if (!m.add(m.transforms, std::span(&record, 1), "transforms")) return 0;
+  return *m.transformIds.add(key, id);
 }
 
-const TransformKeys& SkeletonWriter::transform(TransformId id) const {
-  static const TransformKeys identity{{0.0f}, {DMat4(1)}};
-  return id < impl_->transformKeys.size() ? impl_->transformKeys[id] : identity;
+TransformKeys SkeletonWriter::transform(TransformId id) const {
+  const Impl& m = *impl_;
+  if (id >= m.transforms.size()) return {{0.0f}, {DMat4(1)}};
+  const TransformRecord& r = m.transforms[id];
+  const auto* times = reinterpret_cast<const float*>(m.segment.data() + r.times.offset);
+  const auto* matrices = reinterpret_cast<const DMat4*>(m.segment.data() + r.matrices.offset);
+  return {{times, times + r.times.count}, {matrices, matrices + r.matrices.count}};
 }
 
 ShaderId SkeletonWriter::addShader(const ShaderRecord& record) {
@@ -260,7 +280,7 @@ ShaderId SkeletonWriter::addShader(const ShaderRecord& record) {
   if (record.kind != ShaderKind::kLight) {
     ShaderRecord anywhere = record;
     anywhere.locationFile = anywhere.locationLine = 0;
-    const auto [it, inserted] = m.records.try_emplace(hashOf(Content::kShader, bytesOf(anywhere)), next);
+    const auto [it, inserted] = m.shaderIds.try_emplace(hashOf(Content::kShader, bytesOf(anywhere)), next);
     if (!inserted) return it->second;
   }
   m.shaders.push_back(record);
@@ -271,16 +291,23 @@ ShaderRecord& SkeletonWriter::shader(ShaderId id) { return impl_->shaders[id]; }
 uint32_t SkeletonWriter::shaderCount() const { return uint32_t(impl_->shaders.size()); }
 
 Slice SkeletonWriter::addLightList(std::span<const ShaderId> lights) {
-  return impl_->addRun(Content::kLightList, impl_->lightLists, lights, "entries in light lists");
+  Impl& m = *impl_;
+  if (lights.empty() || !m.room(m.lightLists, lights.size(), "entries in light lists")) return {};
+  const auto [it, inserted] =
+      m.lightRuns.try_emplace(hashOf(Content::kLightList, std::as_bytes(lights)),
+                              Slice{uint32_t(m.lightLists.size()), uint32_t(lights.size())});
+  if (inserted) m.lightLists.insert(m.lightLists.end(), lights.begin(), lights.end());
+  return it->second;
 }
 
 AttributeId SkeletonWriter::addAttributes(const AttributeRecord& record) {
   Impl& m = *impl_;
-  if (!m.room(m.attributes, 1, "attribute states")) return 0;
-  const auto [it, inserted] =
-      m.records.try_emplace(hashOf(Content::kAttributes, bytesOf(record)), uint32_t(m.attributes.size()));
-  if (inserted) m.attributes.push_back(record);
-  return it->second;
+  if (m.error) return 0;
+  const ContentHash key = hashOf(Content::kAttributes, bytesOf(record));
+  if (const uint32_t* known = m.attributeIds.find(key)) return *known;
+  const auto id = AttributeId(m.attributes.size());
+  if (!m.add(m.attributes, std::span(&record, 1), "attribute states")) return 0;
+  return *m.attributeIds.add(key, id);
 }
 
 const AttributeRecord& SkeletonWriter::attributes(AttributeId id) const {
@@ -314,13 +341,15 @@ void SkeletonWriter::setSearchPaths(std::span<const StringId> paths) {
 std::span<const StringId> SkeletonWriter::searchPaths() const { return impl_->searchPaths; }
 std::span<const ParamRecord> SkeletonWriter::params(Slice s) const {
   if (uint64_t(s.first) + s.count > impl_->params.size()) return {};
-  return std::span<const ParamRecord>(impl_->params).subspan(s.first, s.count);
+  return impl_->params.all().subspan(s.first, s.count);
 }
 
 uint32_t SkeletonWriter::surfaceGroup(AttributeId attributes, TransformId transform, SolidId solid) {
   Impl& m = *impl_;
-  return m.surfaceGroups.try_emplace({attributes, transform, solid}, uint32_t(m.surfaceGroups.size()))
-      .first->second;
+  const uint32_t of[] = {attributes, transform, solid};
+  const ContentHash key = hashOf(Content::kSurface, std::as_bytes(std::span(of)));
+  if (const uint32_t* known = m.surfaceGroups.find(key)) return *known;
+  return *m.surfaceGroups.add(key, m.surfaceGroupCount++);
 }
 
 SolidId SkeletonWriter::addSolid(const SolidRecord& record) {
@@ -336,24 +365,19 @@ uint32_t SkeletonWriter::nextEdge() const { return uint32_t(impl_->edges.size())
 
 ObjectId SkeletonWriter::addObject(const ObjectRecord& record) {
   Impl& m = *impl_;
-  if (!m.room(m.objects, 1, "objects")) return kNone;
-  m.objects.push_back(record);
+  if (!m.add(m.objects, std::span(&record, 1), "objects")) return kNone;
   return ObjectId(m.objects.size() - 1);
 }
 NodeId SkeletonWriter::addRootPatch(const RootPatchRecord& record) { return addRootPatches({&record, 1}); }
 NodeId SkeletonWriter::addRootPatches(std::span<const RootPatchRecord> records) {
   Impl& m = *impl_;
-  if (!m.room(m.rootPatches, records.size(), "patches")) return kNone;
-  const NodeId first = NodeId(m.rootPatches.size());
-  m.rootPatches.insert(m.rootPatches.end(), records.begin(), records.end());
-  return first;
+  const auto first = NodeId(m.rootPatches.size());
+  return m.add(m.rootPatches, records, "patches") ? first : kNone;
 }
 uint32_t SkeletonWriter::addEdges(std::span<const EdgeRecord> records) {
   Impl& m = *impl_;
-  if (!m.room(m.edges, records.size(), "edges")) return kNone;
-  const uint32_t first = uint32_t(m.edges.size());
-  m.edges.insert(m.edges.end(), records.begin(), records.end());
-  return first;
+  const auto first = uint32_t(m.edges.size());
+  return m.add(m.edges, records, "edges") ? first : kNone;
 }
 ObjectRecord& SkeletonWriter::object(ObjectId id) {
   FR_CHECK(id < impl_->objects.size());
@@ -369,9 +393,9 @@ EdgeRecord& SkeletonWriter::edge(uint32_t index) {
 }
 void SkeletonWriter::rollBack(ObjectId objects, NodeId rootPatches, uint32_t edges) {
   Impl& m = *impl_;
-  m.objects.resize(std::min<size_t>(objects, m.objects.size()));
-  m.rootPatches.resize(std::min<size_t>(rootPatches, m.rootPatches.size()));
-  m.edges.resize(std::min<size_t>(edges, m.edges.size()));
+  m.objects.cut(objects);
+  m.rootPatches.cut(rootPatches);
+  m.edges.cut(edges);
 }
 
 bool SkeletonWriter::ok() const { return !impl_->error; }
@@ -409,11 +433,18 @@ Result<int> SkeletonWriter::finish(bool withChecksum) {
   h.magic = kSkeletonMagic;
   // A reader only ever sees the sealed segment, so the order of these bytes does not matter here.
   std::memcpy(m.segment.data(), &h, sizeof(h));
-  return seal(std::move(m.segment), m.end, m.memory);
+  m.paged = {};
+  return seal(std::move(m.segment), m.end, m.scratch.empty());
 }
 
 Slice SkeletonWriter::addParams(std::span<const ParamRecord> records) {
-  return impl_->addRun(Content::kParams, impl_->params, records, "parameters");
+  Impl& m = *impl_;
+  if (records.empty() || m.error) return {};
+  const ContentHash key = hashOf(Content::kParams, std::as_bytes(records));
+  if (const Slice* known = m.paramRuns.find(key)) return *known;
+  const Slice fresh{uint32_t(m.params.size()), uint32_t(records.size())};
+  if (!m.add(m.params, records, "parameters")) return {};
+  return *m.paramRuns.add(key, fresh);
 }
 
 }  // namespace fr::cache

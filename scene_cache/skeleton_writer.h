@@ -2,7 +2,9 @@
 // small tables at the end.
 //
 // Content-addressed: equal blobs, parameter lists, transforms, attribute states and shaders are stored once,
-// so an instance or a repeated archive costs its object records alone.
+// so an instance or a repeated archive costs its object records alone. Of what every object may have of its
+// own, only the last 65,536 or more are known again (recent_content.h); tables grow in segments of their own
+// (growing_table.h). So what a writer holds beside files in a scratch folder hardly grows with the scene.
 //
 // Errors stick: after the first one (out of memory, a table with more than 2^32 - 2 entries) every call
 // returns empty values and finish() returns the error. Not thread-safe.
@@ -89,7 +91,7 @@ class SkeletonWriter {
   // --------------------------------------------------------------------------------------------------
 
   TransformId addTransform(const TransformKeys& keys);
-  const TransformKeys& transform(TransformId id) const;
+  TransformKeys transform(TransformId id) const;
   ShaderId addShader(const ShaderRecord& record);  ///< shared with an equal one, except lights
   Slice addLightList(std::span<const ShaderId> lights);
   AttributeId addAttributes(const AttributeRecord& record);

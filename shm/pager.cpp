@@ -24,15 +24,19 @@ constexpr std::chrono::milliseconds kPeriod{4};
 /// The sum is kept at least this much under the budget, for what happens between two looks; more where more
 /// has been seen to happen, as on a machine with other things to do.
 constexpr uint64_t kMargin = uint64_t(32) << 20;
-/// How often it is looked at which pages are shared, in looks: that costs a millisecond per gigabyte.
-constexpr uint64_t kLooksPerShares = 16;
+/// How often it is looked at which pages are shared: the kernel walks through all that is mapped, which takes
+/// milliseconds and holds up page faults. So at most a fortieth of the time goes there.
+constexpr std::chrono::milliseconds kSharesPeriod{64};
+constexpr int kSharesPart = 40;
 /// What files keep beside programs and libraries, which count as files too.
 constexpr uint64_t kLeastFiles = uint64_t(4) << 20;
-/// No more than this is taken for programs and libraries: a scene may have been read before the pager starts.
+/// No more than this is taken for programs and libraries.
 constexpr uint64_t kMostLibraries = uint64_t(24) << 20;
 /// Looks after which a sudden growth counts a third.
 constexpr uint64_t kLooksToForget = 512;
 constexpr size_t kMostUnwritten = 4096;
+/// Bytes between two looks of those who say how fast they fill memory.
+constexpr uint64_t kLookEvery = uint64_t(4) << 20;
 
 }  // namespace
 
@@ -55,18 +59,52 @@ ResidentBytes residentBytes(pid_t pid) {
   return {resident * page, files * page};
 }
 
+namespace {
+
+/// All that this process's mappings let its pager have.
+struct Registry {
+  std::mutex mutex;
+  std::vector<const PagedRange*> ranges;  // under mutex
+  std::weak_ptr<Pager::State> pager;      // under mutex
+};
+Registry& registry() {
+  static Registry r;
+  return r;
+}
+
+}  // namespace
+
+PagedMapping::PagedMapping(PagedRange range) : range_(std::make_unique<PagedRange>(std::move(range))) {
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  r.ranges.push_back(range_.get());
+}
+
+PagedMapping& PagedMapping::operator=(PagedMapping&& o) noexcept {
+  std::swap(range_, o.range_);
+  return *this;
+}
+
+PagedMapping::~PagedMapping() {
+  if (!range_) return;
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  std::erase(r.ranges, range_.get());
+}
+
 struct Pager::State {
-  PagerOptions options;
-  std::vector<PagedRange> ranges;
+  uint64_t budget = 0;
   std::mutex mutex;
   std::condition_variable wake;
   bool ending = false;  // under mutex
   std::atomic<uint64_t> peak{0}, letGo{0}, asked{0};
-  std::mutex looking;  // all below
+  std::mutex looking;  // all below, to the thread
+  PagerHooks hooks;
   size_t range = 0;
   uint64_t at = 0;
   bool warned = false;
-  uint64_t looks = 0, twice = 0, filesThen = 0;
+  uint64_t twice = 0, filesThen = 0;
+  std::chrono::steady_clock::time_point nextShares{};
   uint64_t floor = 0;    // resident bytes of files that are not let go
   uint64_t sumThen = 0;  // after the last look
   uint64_t growth = 0;   // the most by which looks found it larger than then
@@ -122,10 +160,10 @@ struct Pager::State {
   }
 
   void look() {
-    const std::unique_lock lock(looking, std::try_to_lock);
-    if (!lock) return;
+    // Who fills memory waits for whoever is making room.
+    const std::lock_guard lock(looking);
     const ResidentBytes own = residentBytes(0);
-    const pid_t other = options.peer ? options.peer() : 0;
+    const pid_t other = hooks.peer ? hooks.peer() : 0;
     const ResidentBytes peer = other > 0 ? residentBytes(other) : ResidentBytes{};
     const uint64_t sum = held(own.total + peer.total, own.files + peer.files, other);
     uint64_t old = peak.load(std::memory_order_relaxed);
@@ -133,41 +171,45 @@ struct Pager::State {
     const uint64_t grown = sum - std::min(sum, sumThen);
     sumThen = sum;
     growth = std::max(grown, growth - growth / kLooksToForget);
-    const uint64_t least = std::min(kMargin + options.budget / 32, options.budget / 6);
-    const uint64_t margin = std::clamp(growth + growth / 2, least, options.budget / 4);
-    const uint64_t limit = options.budget - margin;
+    const uint64_t least = std::min(kMargin + budget / 32, budget / 6);
+    const uint64_t margin = std::clamp(growth + growth / 2, least, budget / 4);
+    const uint64_t limit = budget - margin;
     if (sum <= limit) return;
     // Each process lets go of its share; somewhat more, so that this need not be done at every look.
-    const uint64_t excess = sum - limit + options.budget / 64;
+    const uint64_t excess = sum - limit + budget / 64;
     const uint64_t files = own.files + peer.files;
     const uint64_t share = files > 0 ? uint64_t(double(excess) * double(own.files) / double(files)) : 0;
     if (own.files > floor)
       sumThen -= std::min(sumThen, letPagesGo(own.files, std::min(share, own.files - floor)));
     // Private memory has to go when files alone cannot make room.
     const uint64_t most = files > 2 * floor ? files - 2 * floor : 0;
-    if (excess > most / 2 && options.giveBack) {
+    if (excess > most / 2 && hooks.giveBack) {
       const uint64_t wanted = excess - most / 2;
       asked.fetch_add(wanted, std::memory_order_relaxed);
-      if (options.giveBack(wanted) >= wanted) return;
+      if (hooks.giveBack(wanted) >= wanted) return;
     }
-    if (sum - std::min(sum, files) > options.budget && !warned) {
+    if (sum - std::min(sum, files) > budget && !warned) {
       warned = true;
       reportWarning(RiError::kNoMem,
                     "the memory budget of {} MiB is too small: what cannot be written to the scratch folder "
                     "alone takes {} MiB; going on",
-                    options.budget >> 20, (sum - files) >> 20);
+                    budget >> 20, (sum - files) >> 20);
     }
   }
 
   /// What both hold, a page that both map counted once: resident bytes, less what counting each page by its
   /// share has taken off them not long ago. Pages that were let go since are not taken off twice.
   uint64_t held(uint64_t resident, uint64_t files, pid_t other) {
-    if (resident * 4 > options.budget * 3 && looks++ % kLooksPerShares == 0) {
+    const auto now = std::chrono::steady_clock::now();
+    if (resident * 4 > budget * 3 && now >= nextShares) {
       uint64_t shares = 0;
       if (const auto m = processMemory(0)) shares += m->pss;
       if (other > 0)
         if (const auto m = processMemory(other)) shares += m->pss;
       twice = resident - std::min(resident, shares), filesThen = files;
+      const auto after = std::chrono::steady_clock::now();
+      nextShares =
+          after + std::max<std::chrono::steady_clock::duration>(kSharesPeriod, kSharesPart * (after - now));
     }
     const double left = files < filesThen ? double(files) / double(filesThen) : 1.0;
     return resident - std::min(resident, uint64_t(double(twice) * left));
@@ -175,15 +217,21 @@ struct Pager::State {
 
   /// Moves the hand until `wanted` bytes less are resident, at most once around; returns how many less are.
   uint64_t letPagesGo(uint64_t residentFiles, uint64_t wanted) {
+    Registry& all = registry();
+    const std::lock_guard lock(all.mutex);  // nothing is unmapped meanwhile
+    const auto& ranges = all.ranges;
     if (ranges.empty() || wanted == 0) return 0;
     uint64_t whole = 0;
-    for (const PagedRange& r : ranges) whole += r.bytes();
+    std::vector<uint64_t> sizes;
+    for (const PagedRange* r : ranges)
+      sizes.push_back(r->bytes() / 4096 * 4096);  // the last page is being written
+    for (const uint64_t s : sizes) whole += s;
     const uint64_t goal = residentFiles - std::min(wanted, residentFiles);
     constexpr uint64_t kStepsBetweenLooks = 4;
     for (uint64_t moved = 0, steps = 0; moved <= whole + kStep * ranges.size(); ++steps) {
       if (range >= ranges.size()) range = 0, at = 0;
-      const PagedRange& r = ranges[range];
-      const uint64_t size = r.bytes() / 4096 * 4096;  // the last page is being written
+      const PagedRange& r = *ranges[range];
+      const uint64_t size = sizes[range];
       if (at >= size) {
         ++range, at = 0;
         moved += kStep;
@@ -205,17 +253,19 @@ struct Pager::State {
   }
 };
 
-Pager::Pager() : state_(std::make_unique<State>()) {}
+Pager::Pager() : state_(std::make_shared<State>()) {}
 
-Result<std::unique_ptr<Pager>> Pager::start(PagerOptions options, std::vector<PagedRange> ranges) {
+Result<std::unique_ptr<Pager>> Pager::start(uint64_t budget, PagerHooks hooks) {
   std::unique_ptr<Pager> p(new Pager);
   State& s = *p->state_;
-  s.options = std::move(options);
-  s.ranges = std::move(ranges);
+  s.budget = budget;
+  s.hooks = std::move(hooks);
   s.floor = std::min(residentBytes(0).files, kMostLibraries) + kLeastFiles;
   try {
     s.writer = std::thread([&s] { s.write(); });
     s.thread = std::thread([&s] { s.run(); });
+    const std::lock_guard lock(registry().mutex);
+    registry().pager = p->state_;
   } catch (const std::system_error& e) {
     return makeError(RiError::kSystem, "no thread can be started to hold the memory budget: {}", e.what());
   }
@@ -223,6 +273,7 @@ Result<std::unique_ptr<Pager>> Pager::start(PagerOptions options, std::vector<Pa
 }
 
 Pager::~Pager() {
+  setHooks({});
   {
     const std::lock_guard lock(state_->mutex);
     state_->ending = true;
@@ -237,11 +288,27 @@ Pager::~Pager() {
   if (state_->writer.joinable()) state_->writer.join();
 }
 
-void Pager::look() { state_->look(); }
+void noteGrowth(uint64_t bytes) {
+  static std::atomic<uint64_t> unlooked{0};
+  if (unlooked.fetch_add(bytes, std::memory_order_relaxed) + bytes < kLookEvery) return;
+  unlooked.store(0, std::memory_order_relaxed);
+  Registry& r = registry();
+  std::shared_ptr<Pager::State> pager;
+  {
+    const std::lock_guard lock(r.mutex);
+    pager = r.pager.lock();
+  }
+  if (pager) pager->look();
+}
+
+void Pager::setHooks(PagerHooks hooks) {
+  const std::lock_guard lock(state_->looking);
+  state_->hooks = std::move(hooks);
+}
 
 PagerStatistics Pager::statistics() const {
   const State& s = *state_;
-  return {s.options.budget, s.peak.load(std::memory_order_relaxed), s.letGo.load(std::memory_order_relaxed),
+  return {s.budget, s.peak.load(std::memory_order_relaxed), s.letGo.load(std::memory_order_relaxed),
           s.asked.load(std::memory_order_relaxed)};
 }
 

@@ -29,11 +29,30 @@ struct PagedRange {
   uint64_t offset = 0;  // of `data` in the file
 };
 
-struct PagerOptions {
-  uint64_t budget = 0;          // bytes that both processes may hold
+/// Says that this process's pager, if it has or gets one, may let go of a range: for as long as this lives,
+/// which must end before the mapping does. Thread safety: any thread.
+class PagedMapping {
+ public:
+  PagedMapping() = default;
+  explicit PagedMapping(PagedRange range);
+  PagedMapping(PagedMapping&&) noexcept = default;
+  PagedMapping& operator=(PagedMapping&& o) noexcept;
+  ~PagedMapping();
+
+ private:
+  std::unique_ptr<PagedRange> range_;  // in the list of all
+};
+
+/// Says that so many bytes of paged mappings have been filled, by those who take memory faster than a look
+/// every few milliseconds could follow: after some megabytes this process's pager, if there is one, looks in
+/// the calling thread. Thread safety: any thread.
+void noteGrowth(uint64_t bytes);
+
+/// What a pager knows of the rest of the job.
+struct PagerHooks {
   std::function<pid_t()> peer;  // the other process, 0: none now
-  /// Asks for private memory to be given back; returns roughly how much was. Called by the pager's thread
-  /// when pages of files are not enough.
+  /// Asks for private memory to be given back; returns roughly how much was. Called when pages of files are
+  /// not enough.
   std::function<uint64_t(uint64_t wanted)> giveBack;
 };
 
@@ -44,21 +63,21 @@ struct PagerStatistics {
   uint64_t asked = 0;  // bytes asked of giveBack
 };
 
-/// Thread safety: all members. The ranges must stay mapped while the pager lives.
+/// Thread safety: all members. A process has one at most: it should have it before it reads a scene.
 class Pager {
  public:
-  /// Error: kSystem when no thread can be started.
-  static Result<std::unique_ptr<Pager>> start(PagerOptions options, std::vector<PagedRange> ranges);
+  /// `budget`: bytes that both processes may hold. Error: kSystem when no thread can be started.
+  static Result<std::unique_ptr<Pager>> start(uint64_t budget, PagerHooks hooks = {});
   ~Pager();
+  /// Returns when nobody is in the old ones any more.
+  void setHooks(PagerHooks hooks);
   PagerStatistics statistics() const;
-  /// Looks now, in the calling thread, unless somebody is at it: for those who take memory faster than a look
-  /// every few milliseconds could follow.
-  void look();
+
+  struct State;
 
  private:
   Pager();
-  struct State;
-  std::unique_ptr<State> state_;
+  std::shared_ptr<State> state_;
 };
 
 /// Resident bytes of a process, from /proc/<pid>/statm: cheap, and not exact (the kernel counts per

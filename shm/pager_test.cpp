@@ -26,9 +26,8 @@ TEST(Pager, LetsPagesGoAndLosesNothing) {
   auto* words = reinterpret_cast<uint64_t*>(segment.data());
   const ResidentBytes before = residentBytes(0);
   ASSERT_GT(before.total, 0u);
-  PagerOptions options;
-  options.budget = before.total + (uint64_t(64) << 20);
-  auto pager = Pager::start(options, {{segment.data(), [] { return kBytes; }, segment.descriptor(), 0}});
+  const PagedMapping mapping({segment.data(), [] { return kBytes; }, segment.descriptor(), 0});
+  auto pager = Pager::start(before.total + (uint64_t(64) << 20));
   ASSERT_TRUE(pager.ok());
   for (uint64_t i = 0; i < kBytes / 8; ++i) words[i] = pattern(i);
   for (int wait = 0; wait < 500 && (*pager)->statistics().letGo == 0; ++wait)
@@ -42,13 +41,12 @@ TEST(Pager, LetsPagesGoAndLosesNothing) {
 
 TEST(Pager, AsksForPrivateMemoryWhenFilesAreNotEnough) {
   std::atomic<uint64_t> wanted{0};
-  PagerOptions options;
-  options.budget = std::max<uint64_t>(residentBytes(0).total / 3, 1 << 20);  // too little
-  options.giveBack = [&](uint64_t bytes) {
+  PagerHooks hooks;
+  hooks.giveBack = [&](uint64_t bytes) {
     wanted = bytes;
     return bytes;
   };
-  auto pager = Pager::start(options, {});
+  auto pager = Pager::start(std::max<uint64_t>(residentBytes(0).total / 3, 1 << 20), hooks);  // too little
   ASSERT_TRUE(pager.ok());
   for (int wait = 0; wait < 500 && wanted == 0; ++wait)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));

@@ -29,25 +29,29 @@ std::optional<uint64_t> parseMemorySize(std::string_view text) {
   return uint64_t(number);
 }
 
-ScratchPlace::ScratchPlace(const MemoryOptions& options) {
-  if (options.budget > 0 || !options.scratch.empty()) folder_ = shm::scratchFolder(options.scratch);
+Result<MemoryBudget> MemoryBudget::hold(const MemoryOptions& options) {
+  MemoryBudget b;
+  if (options.budget > 0 || !options.scratch.empty()) b.folder_ = shm::scratchFolder(options.scratch);
+  if (options.budget > 0) {
+    auto pager = shm::Pager::start(options.budget);
+    if (!pager) return std::move(pager).error();
+    b.pager_ = *std::move(pager);
+  }
+  return b;
+}
+
+BudgetOfJob::BudgetOfJob(const MemoryBudget& budget, shm::PagerHooks hooks) : pager_(budget.pager()) {
+  if (!pager_) return;
+  pager_->setHooks(std::move(hooks));
+}
+
+BudgetOfJob::~BudgetOfJob() {
+  if (!pager_) return;
+  pager_->setHooks({});
 }
 
 uint32_t textureKilobytes(const MemoryOptions& options) {
   return uint32_t(std::min<uint64_t>(options.budget / 8 / 1024, 1u << 30));
-}
-
-Result<std::unique_ptr<shm::Pager>> holdBudget(const MemoryOptions& options, cache::SceneCache& cache,
-                                               std::function<pid_t()> peer,
-                                               std::function<uint64_t(uint64_t)> giveBack) {
-  if (options.budget == 0) return std::unique_ptr<shm::Pager>();
-  shm::PagerOptions pager;
-  pager.budget = options.budget;
-  pager.peer = std::move(peer);
-  pager.giveBack = std::move(giveBack);
-  auto started = shm::Pager::start(std::move(pager), cache.pagedRanges());
-  if (started) cache.setPager(started->get());
-  return started;
 }
 
 }  // namespace fr::tools

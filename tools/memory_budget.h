@@ -8,7 +8,6 @@
 #include <string_view>
 
 #include "base/error.h"
-#include "scene_cache/cache.h"
 #include "shm/pager.h"
 
 namespace fr::tools {
@@ -22,24 +21,35 @@ struct MemoryOptions {
 /// than a mebibyte: no process is that small.
 std::optional<uint64_t> parseMemorySize(std::string_view text);
 
-/// Folder that the scene cache's files go to, empty where it stays in memory: it is in files as soon as one
-/// of the options was given. Looks once where that is; warns about folders in memory.
-class ScratchPlace {
+/// Holds this process's part of the budget while it lives: made before a scene is read.
+class MemoryBudget {
  public:
-  explicit ScratchPlace(const MemoryOptions& options);
+  /// Looks where scratch files go, and warns about folders in memory. Error: no thread can be started.
+  static Result<MemoryBudget> hold(const MemoryOptions& options);
+  /// Folder that the scene cache's files go to, empty where it stays in memory: it is in files as soon as one
+  /// of the options was given.
   const std::string& folder() const { return folder_; }
+  /// nullptr without a budget.
+  shm::Pager* pager() const { return pager_.get(); }
 
  private:
   std::string folder_;
+  std::unique_ptr<shm::Pager> pager_;
+};
+
+/// What the budget has to know of a job while it runs.
+class BudgetOfJob {
+ public:
+  BudgetOfJob(const MemoryBudget& budget, shm::PagerHooks hooks);
+  ~BudgetOfJob();
+  BudgetOfJob(const BudgetOfJob&) = delete;
+  BudgetOfJob& operator=(const BudgetOfJob&) = delete;
+
+ private:
+  shm::Pager* pager_;
 };
 
 /// Of texels in one process: an eighth of the budget, 0 without one.
 uint32_t textureKilobytes(const MemoryOptions& options);
-
-/// Holds this process's part of the budget from now on; nullptr without a budget. Nothing may be diced after
-/// it is gone.
-Result<std::unique_ptr<shm::Pager>> holdBudget(const MemoryOptions& options, cache::SceneCache& cache,
-                                               std::function<pid_t()> peer,
-                                               std::function<uint64_t(uint64_t)> giveBack);
 
 }  // namespace fr::tools

@@ -32,8 +32,10 @@ struct alignas(64) Clusters::Cluster {
   std::atomic<const Tree*> tree[kLevels] = {};
   std::atomic<uint32_t> lastUse{0};
 
-  std::mutex building;                 // all below
-  std::atomic<bool> described{false};  // the next three do not change any more
+  std::mutex building;                              // all below
+  std::atomic<bool> described{false};               // the next three do not change any more
+  std::vector<std::pair<uint32_t, Box3f>> foreign;  // what of its surfaces may stand in other clusters
+  bool foreignKnown = false;
   int levels = 1;
   float deviation[kLevels] = {};
   std::atomic<bool> listed{false};                       // the next one does not change any more
@@ -78,12 +80,14 @@ Box3f rounded(Box3f box) {
 }  // namespace
 
 Clusters::Clusters(RTCDevice device, SceneCache& cache, std::vector<ObjectFacts> facts,
-                   EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes)
+                   EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes,
+                   int64_t leastBytes)
     : device_(device),
       cache_(cache),
       facts_(std::move(facts)),
       entries_(entries),
-      embreeBytes_(embreeBytes) {}
+      embreeBytes_(embreeBytes),
+      leastBytes_(leastBytes) {}
 Clusters::~Clusters() = default;
 
 // ---- cutting
@@ -162,6 +166,7 @@ void Clusters::split(std::vector<ClusterItem>& items, size_t first, size_t end, 
   }
   c->box = rounded(c->box);
   for (const auto& [attributes, box] : surfaces) c->surfaces.emplace_back(attributes, rounded(box));
+  boxes_.push_back(c->box);
   clusters_.push_back(std::move(c));
 }
 
@@ -252,7 +257,22 @@ const Clusters::Tree* Clusters::use(Cluster& c, int level) {
 // ---- building
 // ---------------------------------------------------------------------------------------------------------
 
-std::vector<GatheredGrid> Clusters::gather(const Cluster& c, int level) {
+/// What may belong to the same surface and stands in other clusters. A cluster's trees may be built often.
+void Clusters::findForeign(Cluster& c) {
+  if (c.foreignKnown) return;
+  c.foreignKnown = true;
+  for (size_t i = 0; i < boxes_.size(); ++i) {
+    if (!boxes_[i].overlaps(c.box)) continue;
+    const Cluster& other = *clusters_[i];
+    if (&other == &c || other.mask != c.mask) continue;
+    for (const auto& [attributes, box] : other.surfaces)
+      if (std::any_of(c.surfaces.begin(), c.surfaces.end(),
+                      [attributes = attributes](const auto& s) { return s.first == attributes; }))
+        c.foreign.emplace_back(attributes, box);
+  }
+}
+
+std::vector<GatheredGrid> Clusters::gather(Cluster& c, int level) {
   std::vector<std::vector<GatheredGrid>> parts(c.items.size());
   // A thread that waits for others here must not take up other work: that may need this very cluster.
   tbb::this_task_arena::isolate([&] {
@@ -269,21 +289,13 @@ std::vector<GatheredGrid> Clusters::gather(const Cluster& c, int level) {
   for (const auto& p : parts) all.insert(all.end(), p.begin(), p.end());
   orientGrids(cache_, all, nullptr);
 
-  // What may belong to the same surface and stands in other clusters.
-  std::vector<std::pair<uint32_t, Box3f>> foreign;
-  for (const auto& other : clusters_) {
-    if (other.get() == &c || other->mask != c.mask || !other->box.overlaps(c.box)) continue;
-    for (const auto& [attributes, box] : other->surfaces)
-      if (std::any_of(c.surfaces.begin(), c.surfaces.end(),
-                      [attributes = attributes](const auto& s) { return s.first == attributes; }))
-        foreign.emplace_back(attributes, box);
-  }
-  if (!foreign.empty())
+  findForeign(c);
+  if (!c.foreign.empty())
     for (GatheredGrid& g : all) {
       const ResolvedNode r = cache_.peek(g.entry.node);
       if (!r.grid) continue;
       const Box3f box = rounded(r.grid->bound);
-      g.open = std::any_of(foreign.begin(), foreign.end(), [&](const auto& f) {
+      g.open = std::any_of(c.foreign.begin(), c.foreign.end(), [&](const auto& f) {
         return f.first == g.entry.attributes && f.second.overlaps(box);
       });
     }
@@ -385,7 +397,7 @@ uint64_t Clusters::giveBack(uint64_t bytes) {
   };
   freeRetired();
   for (const Idle& k : candidates) {
-    if (freed() >= bytes) break;
+    if (freed() >= bytes || embreeBytes_.load(std::memory_order_relaxed) <= leastBytes_) break;
     // SYNC: HazardSlot.
     const Tree* t = k.cluster->tree[k.level].exchange(nullptr, std::memory_order_seq_cst);
     if (!t) continue;

@@ -41,7 +41,7 @@ class Clusters {
   static constexpr float kHiddenDeviation = 0.25f;
 
   Clusters(RTCDevice device, cache::SceneCache& cache, std::vector<ObjectFacts> facts,
-           EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes);
+           EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes, int64_t leastBytes);
   ~Clusters();
 
   /// Cuts items into clusters of about `size` micropolygons.
@@ -73,7 +73,8 @@ class Clusters {
     uint32_t mask;
   };
   void split(std::vector<ClusterItem>& items, size_t first, size_t end, const Cut& cut);
-  std::vector<GatheredGrid> gather(const Cluster& c, int level);
+  void findForeign(Cluster& c);
+  std::vector<GatheredGrid> gather(Cluster& c, int level);
   void dice(Cluster& c);
   int levelFor(const Cluster& c, const struct Ray& ray) const;
   const Tree* use(Cluster& c, int level);
@@ -85,7 +86,9 @@ class Clusters {
   std::vector<ObjectFacts> facts_;
   EntryStore<SurfaceEntry>& entries_;
   const std::atomic<int64_t>& embreeBytes_;
+  const int64_t leastBytes_;  // RaySceneOptions::leastTreeBytes
   std::vector<std::unique_ptr<Cluster>> clusters_;
+  std::vector<Box3f> boxes_;                              // of clusters_, close together
   std::vector<std::unique_ptr<BoxGeometry>> geometries_;  // one a mask
   struct Place {
     cache::NodeId node;

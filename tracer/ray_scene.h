@@ -41,6 +41,8 @@ struct RaySceneOptions {
   double flatMicropolygons = 16e6;
   /// Of a cluster.
   double clusterMicropolygons = 256 * 1024;
+  /// Bytes of trees that giveBack() leaves: with none at all, each ray would build its trees anew.
+  int64_t leastTreeBytes = int64_t(16) << 20;
 };
 
 /// One grid or meshlet as traced. Private and checked.

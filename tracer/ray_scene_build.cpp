@@ -194,7 +194,7 @@ class RaySceneBuilder {
     }
     if (items.empty()) return flat;
     scene_->clusters_ = std::make_unique<Clusters>(scene_->embree_->device, cache_, facts_, scene_->entries_,
-                                                   scene_->embree_->bytes);
+                                                   scene_->embree_->bytes, options_.leastTreeBytes);
     scene_->clusters_->add(std::move(items), options_.clusterMicropolygons);
     return flat;
   }

@@ -126,6 +126,11 @@ class Server {
       return makeError(RiError::kBadFile, "the renderer's description of the scene is damaged");
     options_.standardShaders = m.text(sizeof scene);
     options_.tracerSide = true;
+    if (scene.memoryBudget > 0) {
+      auto started = shm::Pager::start(scene.memoryBudget);
+      if (!started) return std::move(started).error();
+      pager_ = std::move(started).value();
+    }
     auto cache = cache::SceneCache::attach(
         {m.descriptors[0].get(), m.descriptors[1].get(), m.descriptors[2].get()}, false);
     if (!cache) return std::move(cache).error();
@@ -140,15 +145,9 @@ class Server {
     options.scene.patchMultiplier = scene.patchMultiplier;
     options.scene.threads = threads;
     tracer_ = std::make_unique<RayTracer>(*cache_, *shading_, options);
-    if (scene.memoryBudget > 0) {
-      shm::PagerOptions pager;
-      pager.budget = scene.memoryBudget;
-      pager.peer = [parent = ::getppid()] { return parent; };
-      pager.giveBack = [tracer = tracer_.get()](uint64_t wanted) { return tracer->giveBack(wanted); };
-      auto started = shm::Pager::start(std::move(pager), cache_->pagedRanges());
-      if (!started) return std::move(started).error();
-      pager_ = std::move(started).value();
-      cache_->setPager(pager_.get());
+    if (pager_) {
+      pager_->setHooks({[parent = ::getppid()] { return parent; },
+                        [tracer = tracer_.get()](uint64_t wanted) { return tracer->giveBack(wanted); }});
     }
     handler_ = std::make_unique<Handler>(*tracer_);
     auto server = shm::ChannelServer::create(*handler_);

@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import resource
 import subprocess
 import threading
 import time
@@ -51,7 +52,7 @@ class Watched:
         self.samples = []
         group = MemoryGroup(limit) if limit else None
         self.limited = bool(group and group.path)
-        started = time.monotonic()
+        started, used = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
         process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                    env={**os.environ, **(environment or {})},
                                    preexec_fn=group.enter if self.limited else None)
@@ -76,6 +77,8 @@ class Watched:
         self.out, self.err = process.communicate()
         self.seconds = time.monotonic() - started
         self.status = process.returncode
+        now = resource.getrusage(resource.RUSAGE_CHILDREN)
+        self.processor = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime  # seconds
         done.set()
         watcher.join()
         if group:

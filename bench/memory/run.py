@@ -191,14 +191,15 @@ def budget(b):
             whole = whole or run.peak()
             reference = reference or digest
             seconds = figures.get(f'{rib} 1', {}).get('seconds', run.seconds)
+            processor = figures.get(f'{rib} 1', {}).get('processor', run.processor)
             name = 'in core' if part == 1 else f'1/{part}'
             rows.append([name, mib(limit) if limit else '', mib(run.peak()), 'yes' if not limit or run.peak() <= limit else 'no',
-                         f'{run.seconds:.1f}', f'{run.seconds / seconds:.2f}', 'yes' if digest and digest == reference else 'no', run.status])
+                         f'{run.seconds:.1f}', f'{run.seconds / seconds:.2f}', f'{run.processor / processor:.2f}', 'yes' if digest and digest == reference else 'no', run.status])
             series[name] = [(t, v / MIB) for t, v in run.total()]
-            figures[f'{rib} {part}'] = {'limit': limit, 'peak': run.peak(), 'seconds': run.seconds, 'same': digest == reference,
+            figures[f'{rib} {part}'] = {'limit': limit, 'peak': run.peak(), 'seconds': run.seconds, 'processor': run.processor, 'same': digest == reference,
                                         'status': run.status, 'stats': run.out}
         b.say(f'{"True instances" if instances else "Distinct displaced copies"}, {b.arguments.millions} million micropolygons:\n')
-        b.table(['budget', 'MiB', 'peak PSS, MiB', 'within', 'seconds', 'times in core', 'same picture', 'status'], rows)
+        b.table(['budget', 'MiB', 'peak PSS, MiB', 'within', 'seconds', 'times in core', 'of processor time', 'same picture', 'status'], rows)
         b.chart('budget_instances' if instances else 'budget', svg.lines('Memory of both processes by budget', 'seconds', 'PSS, MiB', series))
     return figures
 

@@ -42,7 +42,7 @@ class InClusters : public ::testing::Test {
   }
   std::unique_ptr<tracer::RayScene> trace(bool clusters) {
     tracer::RaySceneOptions o;
-    o.flatMicropolygons = clusters ? 0 : 1e12, o.clusterMicropolygons = 4000;
+    o.flatMicropolygons = clusters ? 0 : 1e12, o.clusterMicropolygons = 4000, o.leastTreeBytes = 0;
     auto made = tracer::RayScene::build(
         *scene_->cache, [](ObjectId) { return true; }, o);
     EXPECT_TRUE(made.ok());

@@ -48,7 +48,8 @@ Result<std::vector<std::string>> rayServerCommand(const CommandLine& c, int fram
   return words;
 }
 
-Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameReport& report) {
+Result<void> renderScene(const CommandLine& c, const MemoryBudget& memory, cache::SceneCache& cache,
+                         FrameReport& report) {
   const int threads = c.threads > 0 ? c.threads : availableCores();
   ShadingSystem::Options shadingOptions;
   shadingOptions.shaderPath = shaderFolders(c.shaderPath, cache.skeleton(), c.inputs);
@@ -93,10 +94,9 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
     }
   }
 
-  auto pager = holdBudget(
-      c.memory, cache, [&] { return shm ? pid_t(shm->processId()) : pid_t(0); },
-      [&](uint64_t wanted) { return inproc ? inproc->giveBack(wanted) : uint64_t(0); });
-  if (!pager) return std::move(pager).error();
+  const BudgetOfJob budget(
+      memory, {[&] { return shm ? pid_t(shm->processId()) : pid_t(0); },
+               [&](uint64_t wanted) { return inproc ? inproc->giveBack(wanted) : uint64_t(0); }});
   RenderOptions options;
   options.threads = threads;
   options.resume = c.resume;
@@ -118,7 +118,7 @@ Result<void> renderScene(const CommandLine& c, cache::SceneCache& cache, FrameRe
       report.tracerProcess = shm->processId();
       report.tracerRestarts = shm->restarts();
     }
-    if (*pager) report.pager = (*pager)->statistics();
+    if (memory.pager()) report.pager = memory.pager()->statistics();
     report.oracleAsked = oracle != nullptr;
     report.takeMemory();
   }
@@ -164,7 +164,7 @@ bool canBeRefined(const CommandLine& c) {
 }
 
 /// Renders all frames. Returns whether all was well.
-bool renderFrames(const CommandLine& c, const std::string& scratch) {
+bool renderFrames(const CommandLine& c, const MemoryBudget& memory) {
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
@@ -178,7 +178,7 @@ bool renderFrames(const CommandLine& c, const std::string& scratch) {
       failed = true;
       return;
     }
-    if (Result<void> r = renderScene(c, **opened, report); !r.ok()) {
+    if (Result<void> r = renderScene(c, memory, **opened, report); !r.ok()) {
       fr::report(r.error());
       failed = true;
     }
@@ -186,14 +186,14 @@ bool renderFrames(const CommandLine& c, const std::string& scratch) {
   };
 
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path)) {
-    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch), nullptr);
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path, memory.folder()), nullptr);
   } else {
     cache::LoadOptions load = c.load;
-    load.scratch = scratch;
+    load.scratch = memory.folder();
     load.makeTexture = makeRequestedTexture;
     load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
-      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch), &frame.counts());
+      renderOne(cache::SceneCache::create(frame.skeletonFd(), memory.folder()), &frame.counts());
       return !abortRequested();
     });
     if (!loaded.ok()) {
@@ -220,15 +220,19 @@ int runJob(const CommandLine& c) {
       report(makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path));
       return 2;
     }
-  const ScratchPlace scratch(c.memory);
+  const auto memory = MemoryBudget::hold(c.memory);
+  if (!memory) {
+    report(memory.error());
+    return 1;
+  }
   bool good = true;
   if (c.progressive && !canBeRefined(c))
     reportWarning(RiError::kNone,
                   "--progressive needs RIB files that can be read more than once: rendered in one pass");
   else if (c.progressive)
     for (const CoarsePass& pass : kCoarsePasses)
-      if (good && !abortRequested()) good = renderFrames(coarsePass(c, pass), scratch.folder());
-  if (good && !abortRequested()) good = renderFrames(c, scratch.folder());
+      if (good && !abortRequested()) good = renderFrames(coarsePass(c, pass), *memory);
+  if (good && !abortRequested()) good = renderFrames(c, *memory);
   if (interrupted()) return 130;  // as shells have it for Ctrl-C
   return !good || reportCount(Severity::kError) > 0 ? 1 : 0;
 }

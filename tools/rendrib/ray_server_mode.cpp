@@ -55,19 +55,18 @@ bool hasPipeClient() {
 bool isCacheFile(const std::string& path) { return std::filesystem::path(path).extension() == ".fsc"; }
 
 /// The first frame of the scene.
-Result<std::unique_ptr<cache::SceneCache>> loadFrame(const RayServerCommand& c) {
-  const ScratchPlace scratch(c.memory);
+Result<std::unique_ptr<cache::SceneCache>> loadFrame(const RayServerCommand& c, const std::string& scratch) {
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path))
-    return cache::SceneCache::openFile(c.inputs[0].path, scratch.folder());
+    return cache::SceneCache::openFile(c.inputs[0].path, scratch);
   for (const cache::RibInput& input : c.inputs)
     if (isCacheFile(input.path))
       return makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path);
   Result<std::unique_ptr<cache::SceneCache>> opened =
       makeError(RiError::kMissingData, "no world was found in the scene: there is nothing to serve");
   cache::LoadOptions load = c.load;
-  load.scratch = scratch.folder();
+  load.scratch = scratch;
   const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
-    opened = cache::SceneCache::create(frame.skeletonFd(), scratch.folder());
+    opened = cache::SceneCache::create(frame.skeletonFd(), scratch);
     return false;
   });
   if (!loaded.ok() && !opened.ok()) return loaded.error();
@@ -80,7 +79,9 @@ bool jitterTimes() {
 }
 
 Result<void> serve(const RayServerCommand& c, tracer::RayServer& server, int threads, bool announce) {
-  auto cache = loadFrame(c);
+  const auto memory = MemoryBudget::hold(c.memory);
+  if (!memory) return memory.error();
+  auto cache = loadFrame(c, memory->folder());
   if (!cache.ok()) {
     server.refuse(cache.error());
     return std::move(cache).error();
@@ -100,8 +101,7 @@ Result<void> serve(const RayServerCommand& c, tracer::RayServer& server, int thr
   options.scene.patchMultiplier = c.patchMultiplier;
   options.onBuilt = [&server](const tracer::RayTracer& t) { server.noteScene(t); };
   tracer::RayTracer tracer(scene, shading, options);
-  auto pager = holdBudget(c.memory, scene, {}, [&](uint64_t wanted) { return tracer.giveBack(wanted); });
-  if (!pager) return std::move(pager).error();
+  const BudgetOfJob budget(*memory, {{}, [&](uint64_t wanted) { return tracer.giveBack(wanted); }});
   const RaySceneInfo info = tracer::describeScene(scene, tracer, c.patchMultiplier, threads);
   if (announce)
     logMessage(Severity::kInfo,

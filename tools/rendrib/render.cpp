@@ -43,7 +43,8 @@ class ProgressLines {
   int last_ = -1;
 };
 
-Result<void> renderScene(const RendribCommandLine& c, cache::SceneCache& cache, TraceReport& report) {
+Result<void> renderScene(const RendribCommandLine& c, const MemoryBudget& memory, cache::SceneCache& cache,
+                         TraceReport& report) {
   const cache::Skeleton& skeleton = cache.skeleton();
   const int frameNumber = skeleton.options().frameNumber;
   ShadingSystem::Options shadingOptions;
@@ -60,11 +61,10 @@ Result<void> renderScene(const RendribCommandLine& c, cache::SceneCache& cache, 
                     camera.resolution[1], skeleton.objects().size()));
   std::mutex tracing;
   tracer::RayTracer* tracer = nullptr;  // under the mutex
-  auto pager = holdBudget(c.memory, cache, {}, [&](uint64_t wanted) {
-    const std::lock_guard lock(tracing);
-    return tracer ? tracer->giveBack(wanted) : uint64_t(0);
-  });
-  if (!pager) return std::move(pager).error();
+  const BudgetOfJob budget(memory, {{}, [&](uint64_t wanted) {
+                                      const std::lock_guard lock(tracing);
+                                      return tracer ? tracer->giveBack(wanted) : uint64_t(0);
+                                    }});
   tracer::TraceRenderOptions options;
   options.threads = c.threads;
   options.patchMultiplier = c.patchMultiplier;
@@ -80,7 +80,7 @@ Result<void> renderScene(const RendribCommandLine& c, cache::SceneCache& cache, 
   Result<tracer::TraceRenderStatistics> rendered = tracer::renderFrame(cache, shading, options);
   report.shading = shading.statistics();
   report.cache = cache.statistics();
-  if (*pager) report.pager = (*pager)->statistics();
+  if (memory.pager()) report.pager = memory.pager()->statistics();
   cache.setDisplacer(nullptr);
   if (!rendered.ok()) return std::move(rendered).error();
   report.frame = *rendered;
@@ -126,7 +126,11 @@ int runScenes(RendribCommandLine c) {
   }
   warnOfIgnoredOptions(c, hasCacheFile);
 
-  const ScratchPlace scratch(c.memory);
+  const auto memory = MemoryBudget::hold(c.memory);
+  if (!memory) {
+    report(memory.error());
+    return 1;
+  }
   int frames = 0;
   bool failed = false;
   // Loading goes on after a frame that failed: one bad frame does not lose the others.
@@ -140,7 +144,7 @@ int runScenes(RendribCommandLine c) {
       failed = true;
       return;
     }
-    if (Result<void> r = renderScene(c, **opened, trace); !r.ok()) {
+    if (Result<void> r = renderScene(c, *memory, **opened, trace); !r.ok()) {
       report(r.error());
       failed = true;
     } else if (c.stats) {
@@ -150,16 +154,16 @@ int runScenes(RendribCommandLine c) {
 
   if (hasCacheFile) {
     if (c.verbose) say(fmt::format("opening {}", c.inputs[0].path));
-    renderOne(cache::SceneCache::openFile(c.inputs[0].path, scratch.folder()), nullptr);
+    renderOne(cache::SceneCache::openFile(c.inputs[0].path, memory->folder()), nullptr);
   } else {
     if (c.verbose)
       for (const cache::RibInput& i : c.inputs)
         say(fmt::format("reading {}", i.path == "-" ? "standard input" : i.path));
-    c.load.scratch = scratch.folder();
+    c.load.scratch = memory->folder();
     c.load.makeTexture = makeRequestedTexture;
     c.load.asksRays = shaderRays(c.shaderPath, c.inputs);
     const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
-      renderOne(cache::SceneCache::create(frame.skeletonFd(), scratch.folder()), &frame.counts());
+      renderOne(cache::SceneCache::create(frame.skeletonFd(), memory->folder()), &frame.counts());
       return !abortRequested();
     });
     if (!loaded.ok()) {

@@ -144,6 +144,15 @@ int build(BuildOptions o) {
     o.scratch = std::filesystem::absolute(o.output, unknown).parent_path().string();
   }
   options.scratch = o.scratch;
+  std::unique_ptr<shm::Pager> pager;
+  if (o.budget != 0) {
+    auto started = shm::Pager::start(o.budget);
+    if (!started) {
+      report(started.error());
+      return kFailed;
+    }
+    pager = *std::move(started);
+  }
   if (o.frame) options.frames = std::pair(*o.frame, *o.frame);
   bool made = false, failed = false;
   int built = 0, others = 0;

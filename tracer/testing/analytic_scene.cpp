@@ -175,8 +175,6 @@ Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool
 }
 CacheStatistics SceneCache::statistics() const { return {}; }
 SceneCache::Segments SceneCache::segments() const { return impl_->fds; }
-std::vector<shm::PagedRange> SceneCache::pagedRanges() const { return {}; }
-void SceneCache::setPager(shm::Pager*) {}
 const PatchNode& SceneCache::node(NodeId id) const { return impl_->node[id]; }
 uint32_t SceneCache::nodeCount() const { return uint32_t(impl_->node.size()); }
 const RootPatchRecord& SceneCache::rootOf(NodeId id) const { return skeleton_.rootPatches()[id]; }
