@@ -59,9 +59,15 @@ Result<void> finish(ShaderProgram& p, const CompileOptions& options, const PassC
   if (context.diagnostics->errorCount() != errors) return makeError(RiError::kSyntax, "uniform and varying");
   extractConstantDefaults(p);
   if (options.optimize >= 1) {
+    // Primitive variables may make any parameter varying later, and with it the control that depends on it.
+    ShaderProgram widest = p;
+    for (const Parameter& parameter : widest.parameters)
+      if (Symbol& s = widest.symbols[parameter.symbol]; s.type != SlType::kString) s.cls = SlClass::kVarying;
+    Diagnostics unheard;  // what is only then an error or worth a hint
     PassContext quiet = context;
     quiet.lint = Lint::kNone;
-    mergeAssignments(p, inferUniformity(p, quiet));
+    quiet.diagnostics = &unheard;
+    mergeAssignments(p, inferUniformity(widest, quiet));
     removeDeadCode(p);
   }
   if (Result<void> r = resolveJumps(p); !r) return r;

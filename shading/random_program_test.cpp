@@ -104,6 +104,19 @@ std::string firstDifference(const std::string& text, uint64_t seed, const std::s
   return "";
 }
 
+// A uniform parameter that a primitive variable makes varying makes conditions varying, and what stands in
+// them masked.
+TEST(RandomPrograms, AConditionMayBecomeVarying) {
+  const std::string text =
+      "surface random_shader(float gain = 1.5; color tint = color(0.25, 0.5, 1);\n"
+      "    output varying color aov = 0; output varying float trail = 0;) {\n"
+      "  Ci = ((gain <= 0 || (trail = v) > 0.25) ? color (1, 2, 3) : color (4, 5, 6));\n"
+      "  float x = 2;\n"
+      "  if (gain > 0.1) x = v * 3;\n"
+      "  Oi = color (x, 0, 1);\n}\n";
+  for (const uint64_t seed : {3, 6, 9, 12, 15, 18, 21}) EXPECT_EQ(firstDifference(text, seed), "") << seed;
+}
+
 TEST(RandomPrograms, MachineAgreesWithTheReference) {
   setReportSink([](const Error&) {});
   const bool stress = std::getenv("FR_STRESS") != nullptr;
