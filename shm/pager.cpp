@@ -171,7 +171,7 @@ struct Pager::State {
     const uint64_t grown = sum - std::min(sum, sumThen);
     sumThen = sum;
     growth = std::max(grown, growth - growth / kLooksToForget);
-    const uint64_t least = std::min(kMargin + budget / 32, budget / 6);
+    const uint64_t least = std::min(kMargin + budget / 16, budget / 6);
     const uint64_t margin = std::clamp(growth + growth / 2, least, budget / 4);
     const uint64_t limit = budget - margin;
     if (sum <= limit) return;
