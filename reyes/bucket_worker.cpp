@@ -96,19 +96,28 @@ void BucketWorker::run() {
   s.filterAndWriteSeconds += statistics_.filterAndWriteSeconds;
 }
 
+/// Takes the tiles that this thread hides next: several that lie side by side, fewer towards the end.
+/// Neighbouring tiles see the same grids; if two threads always hid neighbours, they would wait for each
+/// other to dice them.
+bool BucketWorker::takeRun() {
+  constexpr size_t kMostTiles = 8;
+  const size_t all = work_.order.size(), given = std::min(work_.next.load(std::memory_order_relaxed), all);
+  const size_t count = std::clamp<size_t>((all - given) / (8 * size_t(work_.threads)), 1, kMostTiles);
+  nextOfRun_ = std::min(work_.next.fetch_add(count, std::memory_order_relaxed), all);
+  runEnd_ = std::min(nextOfRun_ + count, all);
+  tilesLeft_ = nextOfRun_ < runEnd_;
+  return tilesLeft_;
+}
+
 bool BucketWorker::takeTile() {
   if (!tilesLeft_ || work_.stop.load(std::memory_order_relaxed)) return false;
-  const size_t index = work_.next.fetch_add(1, std::memory_order_relaxed);
-  if (index >= work_.order.size()) {
-    tilesLeft_ = false;
-    return false;
-  }
+  if (nextOfRun_ == runEnd_ && !takeRun()) return false;
   std::unique_ptr<Pending> p;
   if (idlePending_.empty())
     p = std::make_unique<Pending>();
   else
     p = std::move(idlePending_.back()), idlePending_.pop_back();
-  const int tile = work_.order[index];
+  const int tile = work_.order[nextOfRun_++];
   if (work_.adaptive)
     p->adaptive.begin(int(work_.film->tileRect(tile).area()), kFixedChannels + int(work_.outputs.size()),
                       *work_.adaptive);

@@ -31,6 +31,7 @@ struct FrameWork {
   bool midpointDepth = false;  // DepthFilter::midpoint; no surface counts as opaque then
   std::vector<int> order;      // tiles, in the order in which they are handed out
   std::atomic<size_t> next{0};
+  int threads = 1;
   std::atomic<bool> stop{false};  // hand out no more tiles
   /// A worker died with grids that others may wait for: all give up.
   std::atomic<bool> broken{false};
@@ -75,6 +76,7 @@ class BucketWorker {
   bool finishTiles();
   bool startGrid();
   bool takeTile();
+  bool takeRun();
   void hideTile(Pending& tile, int index);
   void advance(std::unique_ptr<GridTask> task);
   bool submit(GridTask& task);
@@ -93,6 +95,7 @@ class BucketWorker {
   std::unique_ptr<RayOracle> oracle_;
   size_t mostTasks_, mostPending_;
   bool tilesLeft_ = true;
+  size_t nextOfRun_ = 0, runEnd_ = 0;  // in FrameWork::order
   FrameStatistics statistics_;
 };
 

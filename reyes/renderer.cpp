@@ -35,6 +35,7 @@ void runWorkers(FrameWork& work, int threads) {
       work.signal();
     }
   };
+  work.threads = threads;
   std::vector<std::thread> pool;
   for (int i = 1; i < threads; ++i) {
     try {

@@ -243,6 +243,7 @@ const ContextBuiltIn kInContext[] = {
     {"shade", "specularhitmode", kStr},
     {"shade", "camerahitmode", kStr},
     {"trace", "bias", kF},
+    {"trace", "levels", kStr},
     {"trace", "maxdepth", kI},
     {"trace", "maxdiffusedepth", kI},
     {"trace", "maxspeculardepth", kI},

@@ -188,6 +188,16 @@ void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCame
                                     Severity::kWarning,
                                     {},
                                     "transformations before Projection are not implemented; ignored"});
+  if (const std::string levels = o.values.getString("trace:levels", "auto");
+      levels != "auto" && levels != "on" && levels != "off")
+    reportOnce(
+        "trace levels",
+        {RiError::kRange,
+         Severity::kWarning,
+         {},
+         fmt::format(
+             "Option \"trace\" \"levels\" is \"auto\", \"on\" or \"off\", not \"{}\"; taken as \"auto\"",
+             levels)});
   const ri::Camera c = ri::makeCamera(o, worldToCamera);
   CameraRecord camera = cameraRecord(c, o, records.transform(worldToCamera));
   addClippingPlanes(o, worldToCamera, records, &camera);

@@ -168,6 +168,13 @@ TEST(SceneBuilder, DisplaysQuantizeAndOptions) {
   EXPECT_EQ(s.shaders()[s.options().imager].kind, ShaderKind::kImager);
 }
 
+TEST(SceneBuilder, LevelsAreOneOfThreeWords) {
+  EXPECT_TRUE(build(world("Option \"trace\" \"levels\" [\"off\"]", kSphere)).reports.empty());
+  const Built b = build(world("Option \"trace\" \"string levels\" [\"sometimes\"]", kSphere));
+  ASSERT_EQ(b.reports.size(), 1u);
+  EXPECT_EQ(b.reports[0].code, RiError::kRange);
+}
+
 TEST(SceneBuilder, CacheOriginFollowsTheCameraOnALattice) {
   Built b = build(world("Projection \"perspective\" Translate -100000 0 0", kSphere) +
                   world("Clipping 0.01 100 Translate 0.01 0 0", kSphere));

@@ -81,13 +81,14 @@ Box3f rounded(Box3f box) {
 
 Clusters::Clusters(RTCDevice device, SceneCache& cache, std::vector<ObjectFacts> facts,
                    EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes,
-                   int64_t leastBytes)
+                   int64_t leastBytes, bool byFootprint)
     : device_(device),
       cache_(cache),
       facts_(std::move(facts)),
       entries_(entries),
       embreeBytes_(embreeBytes),
-      leastBytes_(leastBytes) {}
+      leastBytes_(leastBytes),
+      byFootprint_(byFootprint) {}
 Clusters::~Clusters() = default;
 
 // ---- cutting
@@ -234,7 +235,7 @@ void Clusters::occluded(const RTCOccludedFunctionNArguments* a) {
 }
 
 int Clusters::levelFor(const Cluster& c, const Ray& ray) const {
-  if (!(ray.radius > 0) && !(ray.spread > 0)) return 0;
+  if (!byFootprint_ || (!(ray.radius > 0) && !(ray.spread > 0))) return 0;
   if (!c.described.load(std::memory_order_acquire))
     const_cast<Clusters*>(this)->dice(const_cast<Cluster&>(c));
   const float hidden =

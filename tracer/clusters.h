@@ -41,7 +41,8 @@ class Clusters {
   static constexpr float kHiddenDeviation = 0.25f;
 
   Clusters(RTCDevice device, cache::SceneCache& cache, std::vector<ObjectFacts> facts,
-           EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes, int64_t leastBytes);
+           EntryStore<SurfaceEntry>& entries, const std::atomic<int64_t>& embreeBytes, int64_t leastBytes,
+           bool byFootprint);
   ~Clusters();
 
   /// Cuts items into clusters of about `size` micropolygons.
@@ -87,6 +88,7 @@ class Clusters {
   EntryStore<SurfaceEntry>& entries_;
   const std::atomic<int64_t>& embreeBytes_;
   const int64_t leastBytes_;  // RaySceneOptions::leastTreeBytes
+  const bool byFootprint_;    // else level 0 for all rays
   std::vector<std::unique_ptr<Cluster>> clusters_;
   std::vector<Box3f> boxes_;                              // of clusters_, close together
   std::vector<std::unique_ptr<BoxGeometry>> geometries_;  // one a mask

@@ -29,6 +29,13 @@ enum RayMask : uint32_t {
   kDiffuseRay = 16,
 };
 
+/// Option "trace" "string levels".
+enum class LevelChoice : uint8_t {
+  kAuto,  // by a ray's footprint in scenes that are traced in clusters
+  kOn,    // by a ray's footprint: all scenes are traced in clusters
+  kOff,   // what patch_multiplier says, for all rays
+};
+
 struct RaySceneOptions {
   /// Where an object has no Attribute "render" "patch_multiplier". A ray server's default is 0.5.
   float patchMultiplier = 0.5f;
@@ -41,6 +48,8 @@ struct RaySceneOptions {
   double flatMicropolygons = 16e6;
   /// Of a cluster.
   double clusterMicropolygons = 256 * 1024;
+  /// Where the scene has no Option "trace" "levels".
+  LevelChoice levels = LevelChoice::kAuto;
   /// Bytes of trees that giveBack() leaves: with none at all, each ray would build its trees anew.
   int64_t leastTreeBytes = int64_t(16) << 20;
 };

@@ -153,6 +153,14 @@ class RaySceneBuilder {
     return i - 1;
   }
 
+  LevelChoice levelChoice() const {
+    const Skeleton& s = cache_.skeleton();
+    const ParamRecord* p = s.find(s.options().options, "trace:levels");
+    if (!p || s.strings(*p).empty()) return options_.levels;
+    const std::string_view word = s.string(s.strings(*p)[0]);
+    return word == "on" ? LevelChoice::kOn : word == "off" ? LevelChoice::kOff : LevelChoice::kAuto;
+  }
+
   /// Puts into clusters what need not be diced before a ray comes near, and returns the other objects.
   /// Surfaces that may be in several pieces are never torn apart between the two.
   std::vector<ObjectId> chooseFlat(const std::vector<ObjectId>& plain) {
@@ -170,7 +178,8 @@ class RaySceneBuilder {
       for (uint32_t p = 0; p < objects[i].patchCount && total <= options_.flatMicropolygons; ++p)
         total += estimateMicropolygons(rate, roots[objects[i].firstPatch + p].bound);
     }
-    const bool large = total > options_.flatMicropolygons;
+    const LevelChoice levels = levelChoice();
+    const bool large = total > options_.flatMicropolygons || levels == LevelChoice::kOn;
     const ViewVolume view(skeleton);
     std::map<uint32_t, bool> flatGroup;  // by surface group
     for (const ObjectId i : plain) {
@@ -194,7 +203,8 @@ class RaySceneBuilder {
     }
     if (items.empty()) return flat;
     scene_->clusters_ = std::make_unique<Clusters>(scene_->embree_->device, cache_, facts_, scene_->entries_,
-                                                   scene_->embree_->bytes, options_.leastTreeBytes);
+                                                   scene_->embree_->bytes, options_.leastTreeBytes,
+                                                   levels != LevelChoice::kOff);
     scene_->clusters_->add(std::move(items), options_.clusterMicropolygons);
     return flat;
   }

@@ -64,18 +64,19 @@ def one_or_two(folder, copies=250):
     return 'stones.rib'
 
 
-def landscape(folder, side=48):
+def landscape(folder, side=48, rate=0.2):
     """Open ground under the sun, all of it in view: what the camera sees is what rays meet."""
     write_shaders(folder)
     rng = random.Random(11)
     points = ' '.join(f'{20 * (i / side - 0.5):.4f} {rng.uniform(-0.3, 0.3):.4f} {20 * (j / side - 0.5):.4f}'
                       for j in range(side + 1) for i in range(side + 1))
-    text = head('landscape.exr', 1280, 720, 0.2) + 'Translate 0 0 17\nRotate -50 1 0 0\nWorldBegin\n' + LIGHTS + 'Surface "clay"\n'
+    name = f'landscape_{rate}'
+    text = head(f'{name}.exr', 1280, 720, rate) + 'Translate 0 0 17\nRotate -50 1 0 0\nWorldBegin\n' + LIGHTS + 'Surface "clay"\n'
     text += ('Displacement "rock" "float height" [0.4]\n'
              'Attribute "displacementbound" "float sphere" [0.4] "string coordinatesystem" ["shader"]\n'
              f'Basis "b-spline" 1 "b-spline" 1\nPatchMesh "bicubic" {side + 1} "nonperiodic" {side + 1} "nonperiodic" "P" [{points}]\n')
-    (folder / 'landscape.rib').write_text(text + 'WorldEnd\n')
-    return 'landscape.rib'
+    (folder / f'{name}.rib').write_text(text + 'WorldEnd\n')
+    return f'{name}.rib'
 
 
 def mountain(folder, millions=200, instances=False, width=1920, height=1080):

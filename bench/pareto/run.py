@@ -79,6 +79,8 @@ def slope(points):
 
 
 def amount(sweep, knobs):
+    if sweep == 'levels':
+        return f'{"by footprint" if knobs["levels"] else "off"}, {knobs["patch_multiplier"]}'
     return knobs['samples'] ** 2 if sweep == 'samples' else knobs[sweep]
 
 

@@ -3,6 +3,7 @@
 A scene has RIB for given knobs, and the radiance at a point of the raster. Pictures are square, of SIZE pixels."""
 
 import math
+import pathlib
 
 SIZE = 64
 FOCAL = SIZE / 2 / math.tan(math.radians(20))  # of PERSPECTIVE, in pixels
@@ -22,6 +23,10 @@ def perspective(x, y):
 
 def frame(knobs, camera, world, options=''):
     samples, rate = knobs.get('samples', 4), knobs.get('rate', 1)
+    if 'var' in knobs:
+        options += f'PixelVariance {knobs["var"]}\nOption "render" "integer minsamples" [16] "integer maxsamples" [256]\n'
+    if 'levels' in knobs:
+        options += f'Option "trace" "string levels" ["{"on" if knobs["levels"] else "off"}"]\n'
     return (f'Display "out.exr" "openexr" "rgba" "string exrpixeltype" ["float"] "string compression" ["none"]\n'
             f'Format {SIZE} {SIZE} 1\nPixelSamples {samples} {samples}\nPixelFilter "box" 1 1\nShadingRate {rate}\n'
             f'{options}{camera}WorldBegin\nSides 2\n{world}WorldEnd\n')
@@ -185,21 +190,50 @@ def teapot_rib(k):
                  'Surface "plastic" Color [.9 .5 .3] Rotate -90 1 0 0 Geometry "teapot"\n')
 
 
+# Rays of all directions from everywhere, and a large light: they may see coarse levels.
+HAZE = 'surface haze() { Oi = 1; Ci = 0.3 + 0.7 * diffuse(faceforward(normalize(N), I)) - 0.3 * occlusion(P, faceforward(normalize(N), I), 16); }\n'
+
+
+def soft_rib(k):
+    return frame(k, PERSPECTIVE + 'Translate 0 -1 9\nRotate -25 1 0 0\n',
+                 'AttributeBegin Attribute "visibility" "integer camera" [0] "integer diffuse" [0] "integer specular" [0] '
+                 'Attribute "light" "int nsamples" [16] AreaLightSource "arealight" 7 "intensity" [3]\n'
+                 'Surface "constant" Polygon "P" [-2 6 -2 2 6 -2 2 6 2 -2 6 2] AttributeEnd\n'
+                 'Illuminate 7 1 Surface "haze"\nPolygon "P" [-9 0 -9 -9 0 9 9 0 9 9 0 -9]\n'
+                 'Rotate -90 1 0 0 Geometry "teapot"\n')
+
+
+DRAGON = pathlib.Path(__file__).resolve().parents[2] / 'examples' / 'models' / 'dragon.rib.gz'
+
+
+def dragon_rib(k):
+    return frame(k, 'Projection "perspective" "fov" [34]\nTranslate 0 0 215\nRotate -16 1 0 0\nRotate -25 0 1 0\nTranslate 2 -58 0\n',
+                 'LightSource "ambientlight" 1 "intensity" [0.3]\nAttribute "light" "string shadows" ["on"]\n'
+                 'LightSource "distantlight" 2 "intensity" [0.9] "from" [60 160 -120] "to" [0 60 0]\nSurface "matte"\n'
+                 'Polygon "P" [-600 26.3 -300 -600 26.3 900 600 26.3 900 600 26.3 -300]\n'
+                 f'Color [.25 .55 .3] Surface "plastic" "roughness" [.08] ReadArchive "{DRAGON}"\n')
+
+
 SAMPLES = [{'samples': n} for n in (1, 2, 4, 8, 16)]
 RATES = [{'rate': r, 'samples': 8} for r in (16, 4, 1, 0.25)]
 RAYS = [{'rays': n, 'samples': 2} for n in (1, 4, 16, 64, 256)]
 ERRORS = [{'error': e} for e in (0.05, 0.02, 0.01, 0.005)]
+VARIANCES = [{'var': v} for v in (1e-2, 1e-3, 1e-4, 1e-5)]
+FOOTPRINTS = [{'levels': on, 'patch_multiplier': m, 'samples': 8} for m in (0.25, 1) for on in (0, 1)]
 LEVELS = [{'patch_multiplier': m, 'samples': 4} for m in (0.125, 0.25, 0.5, 1)]
 
-SHADERS = {'sky': SKY, 'ball': BALL, 'glass1': GLASS, 'glass2': GLASS2, 'waves': WAVES, 'corner': CORNER, 'plate': PLATE}
+SHADERS = {'sky': SKY, 'ball': BALL, 'glass1': GLASS, 'glass2': GLASS2, 'waves': WAVES, 'corner': CORNER, 'plate': PLATE, 'haze': HAZE}
 SCENES = {
-    'lambert': Scene(lambert_rib, lambert, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
-    'mirror': Scene(mirror_rib, mirror, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
+    'lambert': Scene(lambert_rib, lambert, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES}, 32, rate=0.0625),
+    'mirror': Scene(mirror_rib, mirror, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES}, 32, rate=0.0625),
     'area-light': Scene(area_light_rib, area_light, {'rays': RAYS, 'samples': SAMPLES}, 4, rate=0.25),
     'glass-slab': Scene(slab_rib, slab, {'samples': SAMPLES, 'rate': RATES}, 16, rate=0.0625),
     'corner': Scene(corner_rib, corner, {'rays': RAYS}, 4),
-    'zone-plate': Scene(plate_rib, plate, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS}, 32, rate=0.0625),
-    'moving-edge': Scene(moving_rib, moving, {'samples': SAMPLES, 'error': ERRORS}, 16),
-    'defocused-edge': Scene(defocused_rib, defocused, {'samples': SAMPLES, 'error': ERRORS}, 16),
-    'teapot': Scene(teapot_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'patch_multiplier': LEVELS}, rate=0.0625),
+    'zone-plate': Scene(plate_rib, plate, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES}, 32, rate=0.0625),
+    'moving-edge': Scene(moving_rib, moving, {'samples': SAMPLES, 'error': ERRORS, 'var': VARIANCES}, 16),
+    'defocused-edge': Scene(defocused_rib, defocused, {'samples': SAMPLES, 'error': ERRORS, 'var': VARIANCES}, 16),
+    'teapot': Scene(teapot_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES, 'patch_multiplier': LEVELS}, rate=0.0625),
+    'soft-teapot': Scene(soft_rib, None, {'samples': SAMPLES, 'patch_multiplier': LEVELS, 'levels': FOOTPRINTS}, rate=0.0625),
+    'dragon': Scene(dragon_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES, 'patch_multiplier': LEVELS},
+                    rate=0.25),
 }

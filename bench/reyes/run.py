@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Renders the benchmark's scenes with frankenrender, and prints seconds, peak memory, and what each stage did.
+"""Renders the benchmark's scenes with frankenrender, and prints seconds, peak memory, and what each stage did: its share of
+the threads' time, and millions of micropolygons (diced, tested against samples) or points (shaded) a second of it.
 
     bench/reyes/run.py --program build/release/bin/frankenrender [--threads 1,2] [--repeats 3] [scene ...]
 
@@ -29,8 +30,23 @@ def run(program, rib, folder, threads):
 
 
 def number(pattern, text):
-    found = re.search(pattern, text)
+    found = re.search(pattern, text, re.MULTILINE)
     return float(found.group(1)) if found else 0.0
+
+
+STAGES = {'dice': 'dice', 'hide': 'hide', 'shade': 'shade', 'wait': 'wait for ray tracer', 'composite': 'composite',
+          'filter': 'filter and write'}
+
+
+def stages(report, threads):
+    """Of each stage: its share of the time of all threads; and what went through it, in millions a second."""
+    wall = number(r'render, wall clock\s+([\d.]+)', report)
+    seconds = {name: number(rf'^ *{text}\s+([\d.]+)', report) for name, text in STAGES.items()}
+    through = {'dice': number(r'\((\d+) micropolygons', report), 'hide': number(r'\((\d+) micropolygons tested', report),
+               'shade': number(r'grids shaded\s+\d+\s+\((\d+) points', report)}
+    shares = {name: round(s / max(wall * threads, 1e-9), 3) for name, s in seconds.items()}
+    rates = {name: round(n / 1e6 / seconds[name], 2) if seconds[name] > 0 else None for name, n in through.items()}
+    return {'shares': shares, 'rates': rates}
 
 
 def main():
@@ -53,7 +69,8 @@ def main():
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in scenes.SHADERS.items():
             (folder / f'{name}.sl').write_text(text)
-        print(f'{"scene":24} {"threads":>7} {"seconds":>8} {"MiB":>6} {"M points shaded":>15} {"M rays":>7}')
+        print(f'{"scene":24} {"threads":>7} {"seconds":>8} {"MiB":>6} {"M points shaded":>15} {"M rays":>7}'
+              '  share of threads: ' + ' '.join(f'{n:>9}' for n in STAGES) + '  M/s: dice  hide shade')
         for name in arguments.scenes or scenes.SCENES:
             (folder / f'{name}.rib').write_text(scenes.SCENES[name]())
             for threads in arguments.threads:
@@ -62,9 +79,11 @@ def main():
                 row = {'scene': name, 'threads': threads, 'seconds': round(best, 3),
                        'MiB': number(r'both \(PSS\)\s+([\d.]+)', report) or number(r'REYES process\s+PSS ([\d.]+)', report),
                        'shaded': number(r'grids shaded\s+\d+\s+\((\d+) points', report) / 1e6,
-                       'rays': sum(float(n) for n in re.findall(r'(\d+) from (?:REYES|shaders)', report)) / 1e6}
+                       **stages(report, threads), 'rays': sum(float(n) for n in re.findall(r'(\d+) from (?:REYES|shaders)', report)) / 1e6}
                 rows.append(row)
-                print(f'{name:24} {threads:7} {best:8.2f} {row["MiB"]:6.0f} {row["shaded"]:15.2f} {row["rays"]:7.2f}', flush=True)
+                print(f'{name:24} {threads:7} {best:8.2f} {row["MiB"]:6.0f} {row["shaded"]:15.2f} {row["rays"]:7.2f}' + ' ' * 20 +
+                      ' '.join(f'{100 * row["shares"][n]:8.0f}%' for n in STAGES) + '  ' + ' ' * 4 +
+                      ' '.join(f'{row["rates"][n] or 0:5.1f}' for n in ('dice', 'hide', 'shade')), flush=True)
     if arguments.json:
         pathlib.Path(arguments.json).write_text(json.dumps(rows, indent=1) + '\n')
 

@@ -124,6 +124,30 @@ TEST_F(InClusters, DepartingRaysKnowTheirSurface) {
   }
 }
 
+/// Option "trace" "levels": trees of several levels, one level, or no clusters at all.
+TEST(LevelsOfTheScene, AreChosenByAnOption) {
+  const auto traced = [](const std::string& option) {
+    DiceScene scene(diceWorld(diceCamera(6, 4, 512) + "\nSides 2\n" + option, manySpheres()));
+    EXPECT_TRUE(scene.reports.empty());
+    tracer::RaySceneOptions o;
+    o.clusterMicropolygons = 4000;
+    auto made = tracer::RayScene::build(
+        *scene.cache, [](ObjectId) { return true; }, o);
+    EXPECT_TRUE(made.ok());
+    for (uint64_t i = 0; i < 4000; ++i) {
+      tracer::Ray r = randomRay(i);
+      r.origin -= Vec3(scene.cache->skeleton().header().cacheOrigin);
+      (*made)->closest(r);
+    }
+    return (*made)->statistics();
+  };
+  EXPECT_EQ(traced("").clusters, 0u) << "small scenes are one tree";
+  EXPECT_EQ(traced("Option \"trace\" \"levels\" [\"off\"]").clusters, 0u);
+  const auto on = traced("Option \"trace\" \"string levels\" [\"on\"]");
+  EXPECT_GT(on.clusters, 10u);
+  EXPECT_GT(on.treesBuilt, on.clustersDiced) << "of several levels";
+}
+
 /// What no ray comes near is never diced, wherever it stands.
 TEST(OutsideThePicture, WaitsInClusters) {
   DiceScene scene(diceWorld(diceCamera(6, 4, 128) + "\nSides 2",

@@ -133,6 +133,7 @@ std::string_view Skeleton::string(StringId id) const {
   return {reinterpret_cast<const char*>(bytes_.data() + r.offset), r.size};
 }
 const ParamRecord* Skeleton::find(Slice, std::string_view) const { return nullptr; }
+std::span<const StringId> Skeleton::strings(const ParamRecord&) const { return {}; }
 
 // ---- the cache
 // -----------------------------------------------------------------------------------------------
