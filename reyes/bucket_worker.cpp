@@ -90,6 +90,7 @@ void BucketWorker::run() {
   s.pixels += statistics_.pixels, s.errors += statistics_.errors;
   s.buckets += statistics_.buckets, s.samples += statistics_.samples;
   s.gridsShaded += statistics_.gridsShaded, s.pointsShaded += statistics_.pointsShaded;
+  s.pointsVisible += statistics_.pointsVisible;
   s.raysAsked += statistics_.raysAsked, s.rayBatches += statistics_.rayBatches;
   s.shadeSeconds += statistics_.shadeSeconds, s.oracleWaitSeconds += statistics_.oracleWaitSeconds;
   s.otherWaitSeconds += statistics_.otherWaitSeconds, s.compositeSeconds += statistics_.compositeSeconds;
@@ -132,7 +133,9 @@ void BucketWorker::hideTile(Pending& p, int tile) {
   for (TileGrid& g : p.view.grids) {
     if (!g.seen || (g.traits.matte && g.traits.opaque)) continue;
     // The box of the whole grid, so that every tile that can see it is counted.
-    g.shaded = work_.shaded->acquire(tile, g.node, *g.record, work_.scene->space.bounds(g.record->bound));
+    g.shaded = work_.shaded->acquire(tile, g.node, work_.scene->cache->view(*g.record),
+                                     work_.scene->space.bounds(g.record->bound));
+    g.shaded->addSeen(g.seenTriangles);
     p.needed.push_back(g.shaded);
   }
 }
@@ -336,7 +339,7 @@ void BucketWorker::finishTile(Pending& tile) {
     statistics_.mostSamples = std::max(statistics_.mostSamples, most);
   }
   statistics_.pixels += uint64_t(work_.film->tileRect(tile.view.tile).area());
-  work_.shaded->finishTile(tile.view.tile);
+  statistics_.pointsVisible += work_.shaded->finishTile(tile.view.tile);
   const Timer timer(statistics_.filterAndWriteSeconds);
   std::vector<const float*> channels;
   for (const auto& c : colors_.channels) channels.push_back(c.data());

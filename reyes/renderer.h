@@ -48,6 +48,7 @@ struct FrameStatistics {
            nodesLost = 0;
   uint64_t gridsDrawn = 0, gridsCulledHidden = 0, gridsCulledBucket = 0;
   uint64_t gridsShaded = 0, pointsShaded = 0, gridsShadedPeak = 0;  // peak: held at the same time
+  uint64_t pointsVisible = 0;  // of those shaded: corners of what samples saw
   uint64_t micropolygonsTested = 0, fragments = 0;
   uint64_t raysAsked = 0, rayBatches = 0;
   bool oracleFailed = false;

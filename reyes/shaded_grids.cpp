@@ -24,10 +24,17 @@ void ShadedGrid::makeCells() {
   }
 }
 
+size_t ShadedGrid::visiblePoints() const {
+  if (!done()) return 0;
+  TriangleSet triangles;
+  for (size_t i = 0; i < seen.size(); ++i) triangles.setWord(i, seen[i].load(std::memory_order_relaxed));
+  return reyes::visiblePoints(*record, stride, triangles, indices);
+}
+
 ShadedGrids::ShadedGrids(const Film& film) : film_(film), tiles_(size_t(film.tileCount())) {}
 ShadedGrids::~ShadedGrids() = default;
 
-ShadedGrid* ShadedGrids::acquire(int tile, cache::NodeId node, const cache::GridRecord& record,
+ShadedGrid* ShadedGrids::acquire(int tile, cache::NodeId node, const cache::GridView& view,
                                  const RasterBounds& bounds) {
   Shard& shard = shardOf(node);
   const std::lock_guard lock(shard.mutex);
@@ -35,7 +42,7 @@ ShadedGrid* ShadedGrids::acquire(int tile, cache::NodeId node, const cache::Grid
   if (entry) return entry.get();
   entry = std::make_unique<ShadedGrid>();
   ShadedGrid* grid = entry.get();
-  grid->node = node, grid->record = &record;
+  grid->node = node, grid->record = view.record, grid->indices = view.indices;
   const size_t now = count_.fetch_add(1, std::memory_order_relaxed) + 1;
   for (size_t old = peak_.load(std::memory_order_relaxed);
        old < now && !peak_.compare_exchange_weak(old, now);) {
@@ -64,7 +71,7 @@ ShadedGrid* ShadedGrids::acquire(int tile, cache::NodeId node, const cache::Grid
   return grid;
 }
 
-void ShadedGrids::finishTile(int tile) {
+size_t ShadedGrids::finishTile(int tile) {
   std::vector<ShadedGrid*> grids;
   {
     Tile& t = tiles_[size_t(tile)];
@@ -72,13 +79,16 @@ void ShadedGrids::finishTile(int tile) {
     t.finished = true;
     grids.swap(t.grids);
   }
+  size_t visible = 0;
   for (ShadedGrid* grid : grids) {
     if (grid->tilesLeft.fetch_sub(1, std::memory_order_acq_rel) != 1) continue;
+    visible += grid->visiblePoints();
     count_.fetch_sub(1, std::memory_order_relaxed);
     Shard& shard = shardOf(grid->node);
     const std::lock_guard lock(shard.mutex);
     shard.grids.erase(grid->node);
   }
+  return visible;
 }
 
 }  // namespace fr::reyes

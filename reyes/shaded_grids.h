@@ -15,7 +15,7 @@
 
 #include "imaging/film.h"
 #include "reyes/raster_space.h"
-#include "reyes/shading_stride.h"
+#include "reyes/visible_points.h"
 #include "scene_cache/cache.h"
 
 namespace fr::reyes {
@@ -29,6 +29,9 @@ struct ShadedGrid {
   /// that worker; pairs with the acquire loads of the tiles that read the values.
   std::atomic<State> state{State::kEmpty};
   std::atomic<int> tilesLeft{0};
+  /// TriangleSet of all tiles so far.
+  std::array<std::atomic<uint64_t>, TriangleSet::kWords> seen{};
+  const uint8_t* indices = nullptr;  // of a meshlet
   /// Colour (3), opacity (3; empty when opaque), output channels: planes of `points` values, one a vertex.
   size_t points = 0;
   ShadingStride stride;
@@ -42,11 +45,17 @@ struct ShadedGrid {
   /// Fills `cells` from the planes above; opacity is 1 where there is none.
   void makeCells();
 
+  /// Of those that were shaded.
+  size_t visiblePoints() const;
+
   bool claim() {
     State expected = State::kEmpty;
     return state.compare_exchange_strong(expected, State::kShading, std::memory_order_acq_rel);
   }
   bool done() const { return state.load(std::memory_order_acquire) == State::kDone; }
+  void addSeen(const TriangleSet& triangles) {
+    for (size_t i = 0; i < seen.size(); ++i) seen[i].fetch_or(triangles.word(i), std::memory_order_relaxed);
+  }
   void publish() { state.store(State::kDone, std::memory_order_release); }
 };
 
@@ -57,10 +66,10 @@ class ShadedGrids {
 
   /// The entry of a grid that tile `tile` (unfinished) sees; made when there is none. `bounds`: of the whole
   /// grid.
-  ShadedGrid* acquire(int tile, cache::NodeId node, const cache::GridRecord& record,
-                      const RasterBounds& bounds);
-  /// The tile will not look at its grids again.
-  void finishTile(int tile);
+  ShadedGrid* acquire(int tile, cache::NodeId node, const cache::GridView& grid, const RasterBounds& bounds);
+  /// The tile will not look at its grids again. Returns how many points showed of those that are thereby
+  /// freed.
+  size_t finishTile(int tile);
   size_t peak() const { return peak_.load(std::memory_order_relaxed); }
 
  private:

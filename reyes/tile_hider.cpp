@@ -331,10 +331,15 @@ void TileHider::drawGrid(cache::NodeId node, const cache::GridRecord& grid, Tile
 }
 
 void TileHider::markSeen(TileView& view) {
-  for (uint32_t h : view.samples.hit)
-    if (h != kNothing) view.grids[h >> kTriangleBits].seen = true;
+  const auto mark = [&view](uint32_t hit) {
+    TileGrid& g = view.grids[hit >> kTriangleBits];
+    g.seen = true;
+    g.seenTriangles.insert(hit & kTriangleMask);
+  };
+  for (const uint32_t h : view.samples.hit)
+    if (h != kNothing) mark(h);
   if (!view.fragments.empty()) sortLayers(view);
-  for (const Layer& l : view.layers) view.grids[l.hit >> kTriangleBits].seen = true;
+  for (const Layer& l : view.layers) mark(l.hit);
 }
 
 void TileHider::sortLayers(TileView& view) {

@@ -28,6 +28,7 @@ struct TileGrid {
   cache::SolidId solid = cache::kNone;  // leaf that it bounds
   bool shows = true;  // false: of a solid, a side or an object that is not seen but shapes what is
   bool seen = false;  // by a sample, so that its colours are needed
+  TriangleSet seenTriangles;
   ShadedGrid* shaded = nullptr;
 };
 

@@ -65,8 +65,8 @@ std::string FrameReport::text(int frameNumber) const {
            cache.nodesSplit);
   if (cache.gridsShared > 0) out.line("grids shared", "{}", cache.gridsShared);
   out.line("grids drawn", "{}  ({} hidden)", frame.gridsDrawn, frame.gridsCulledHidden);
-  out.line("grids shaded", "{}  ({} points; at most {} held)", frame.gridsShaded, frame.pointsShaded,
-           frame.gridsShadedPeak);
+  out.line("grids shaded", "{}  ({} points, {} of which show; at most {} held)", frame.gridsShaded,
+           frame.pointsShaded, frame.pointsVisible, frame.gridsShadedPeak);
   out.line("samples", "{}  ({} micropolygons tested, {} transparent fragments)", frame.samples,
            frame.micropolygonsTested, frame.fragments);
   if (frame.errors.values > 0)
