@@ -4,9 +4,11 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <span>
 
 #include "base/random.h"
 #include "tracer/answer_level.h"
+#include "tracer/ray_order.h"
 
 namespace fr::tracer {
 
@@ -163,7 +165,13 @@ void AnswerThread::answerHitTests(RayQuery& query, uint32_t count, const Level& 
   const uint32_t mask = rayMask(RayKind::kHitTest, at.terms), flags = at.terms.flags;
   const bool node = flags & RayTerms::kWantsNode, whether = flags & RayTerms::kOnlyWhether && !node;
   const bool point = !(flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether));
-  for (uint32_t k = 0; k < count; ++k) {
+  uint32_t order[kMaxRays];
+  const volatile RayQuery& q = query;
+  orderRays(scene, count, order, [&q](uint32_t i) {
+    return std::pair(Vec3(q.origin[0][i], q.origin[1][i], q.origin[2][i]),
+                     Vec3(q.direction[0][i], q.direction[1][i], q.direction[2][i]));
+  });
+  for (const uint32_t k : std::span(order, count)) {
     Ray ray;
     const bool sane = startRay(ray, askedRay(query, k), mask, at);
     counts_.intersections += sane;
@@ -265,6 +273,12 @@ Color AnswerThread::attributeOpacity(const Hit& hit) {
   return saneOpacity(opacity);
 }
 
+/// In which order the rays of the paths are traced.
+void AnswerThread::orderPaths(const Level& at, uint32_t* order) const {
+  orderRays(tracer_.scene(), at.count, order,
+            [&at](uint32_t i) { return std::pair(at.path[i].ray.origin, at.path[i].ray.direction); });
+}
+
 void AnswerThread::runVisibility(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   // A shader that asks for visibility while it is asked for its own opacity would go on for ever.
@@ -277,7 +291,9 @@ void AnswerThread::runVisibility(Level& at, size_t depth) {
     if (largest(p.through) < kDark) p.through = Color(0), p.going = false;
   };
 
-  for (uint32_t i = 0; i < at.count; ++i) {
+  uint32_t order[kMaxRays];
+  orderPaths(at, order);
+  for (const uint32_t i : std::span(order, at.count)) {
     PathRay& p = at.path[i];
     if (!p.going) continue;
     counts_.intersections += 1;
@@ -328,13 +344,16 @@ void AnswerThread::runTrace(Level& at, size_t depth) {
   const RayScene* scene = tracer_.scene();
   const bool tooDeep = at.rayLevel > uint32_t(tracer_.maxRayLevel());
   bool leaving = false;  // some ray leaves the scene through a volume
+  uint32_t order[kMaxRays];
   for (bool any = !tooDeep; any;) {
     any = false;
     at.orderCount = 0;
+    orderPaths(at, order);
+    for (const uint32_t i : std::span(order, at.count))
+      if (PathRay& p = at.path[i]; p.going) p.hit = scene->closest(p.ray);
     for (uint32_t i = 0; i < at.count; ++i) {
       PathRay& p = at.path[i];
       if (!p.going) continue;
-      p.hit = scene->closest(p.ray);
       counts_.intersections += 1;
       if (!p.hit.any()) {
         p.going = false;

@@ -55,6 +55,7 @@ class Clusters {
   uint32_t entryOf(cache::NodeId node);
   /// Frees trees, the least recently used first, until about so many bytes are free; returns how many.
   uint64_t giveBack(uint64_t bytes);
+  bool hasGivenBack() const { return evicted_.load(std::memory_order_relaxed) > 0; }
   /// Adds what has been built to the counts of a ray scene.
   void count(RaySceneStatistics& s) const;
 

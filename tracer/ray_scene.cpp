@@ -187,6 +187,7 @@ void RayScene::stepBehind(Ray& ray, const Hit& hit) const {
 }
 
 uint64_t RayScene::giveBack(uint64_t bytes) const { return clusters_ ? clusters_->giveBack(bytes) : 0; }
+bool RayScene::treesComeAndGo() const { return clusters_ && clusters_->hasGivenBack(); }
 
 RaySceneStatistics RayScene::statistics() const {
   RaySceneStatistics s = statistics_;

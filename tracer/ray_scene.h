@@ -181,6 +181,10 @@ class RayScene {
   /// Entry of a node, or kNone. Dices the cluster that it is in, if nobody has.
   uint32_t entryOf(cache::NodeId node) const;
   RaySceneStatistics statistics() const;
+  /// Trees of clusters have been given back for want of memory: whoever meets them again builds them again.
+  bool treesComeAndGo() const;
+  /// Holds all that rays may meet.
+  const Box3f& bound() const { return bound_; }
   /// Gives about so many bytes back, if rays can do without them for now; returns how many. Thread-safe.
   uint64_t giveBack(uint64_t bytes) const;
 
@@ -216,6 +220,7 @@ class RayScene {
   std::vector<uint32_t> entryOfNode_;  // kNone: in no flat tree
   cache::SceneCache* cache_ = nullptr;
   bool thinned_ = false;  // some surfaces are in transition
+  Box3f bound_;
   RaySceneStatistics statistics_;
   std::unique_ptr<Clusters> clusters_;  // nullptr: there are none. Before embree_ is gone
 };

@@ -340,6 +340,9 @@ class RaySceneBuilder {
     listNodes();
     main_ = {}, solids_ = {}, prototypes_ = {}, groups_ = {}, placed_ = {};
     rtcJoinCommitScene(em.main.scene);
+    RTCBounds b;
+    rtcGetSceneBounds(em.main.scene, &b);
+    s.bound_ = {Vec3(b.lower_x, b.lower_y, b.lower_z), Vec3(b.upper_x, b.upper_y, b.upper_z)};
   }
 
   void makePart(Part& part, TracedPart& traced) {

@@ -119,6 +119,7 @@ class AnswerThread {
   void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
   void answerHitTests(RayQuery& query, uint32_t count, const Level& at);
   void runAt(RayKind kind, Level& at, size_t depth);
+  void orderPaths(const Level& at, uint32_t* order) const;
   void runVisibility(Level& at, size_t depth);
   void runTrace(Level& at, size_t depth);
   void writeExtras(const Level& at, RayQuery& query, uint32_t first);
