@@ -168,15 +168,49 @@ float DiceRate::cylinderWeight(Vec3 a, Vec3 b) const {
   return distance > radius ? radius / distance : 1.0f;
 }
 
-float DiceRate::curve(const float* x, const float* y, const float* z, size_t stride) const {
+float DiceRate::longestSegment(const float (&x)[kMetricSteps + 1], const float (&y)[kMetricSteps + 1],
+                               const float (&z)[kMetricSteps + 1]) const {
+  const auto slow = [&](int i) { return segment({x[i], y[i], z[i]}, {x[i + 1], y[i + 1], z[i + 1]}); };
   float largest = 0;
-  Vec3 last(x[0], y[0], z[0]);
-  for (int i = 1; i <= kMetricSteps; ++i) {
-    const size_t k = size_t(i) * stride;
-    const Vec3 p(x[k], y[k], z[k]);
-    largest = std::max(largest, segment(last, p));
-    last = p;
+  if (!perspective || alongAxis < 1 || focus > 0) {
+    for (int i = 0; i < kMetricSteps; ++i) largest = std::max(largest, slow(i));
+    return largest;
   }
+  // segment() and the first lines of viewWeight() as loops that compilers turn into vector instructions; the
+  // same operations in the same order.
+  float length[kMetricSteps], cosine[kMetricSteps];
+  for (int i = 0; i < kMetricSteps; ++i) {
+    const float x0 = x[i], y0 = y[i], z0 = z[i], x1 = x[i + 1], y1 = y[i + 1], z1 = z[i + 1];
+    const bool swap = (x1 < x0) | ((x1 == x0) & ((y1 < y0) | ((y1 == y0) & (z1 < z0))));
+    const float ax = swap ? x1 : x0, ay = swap ? y1 : y0, az = swap ? z1 : z0;
+    const float bx = swap ? x0 : x1, by = swap ? y0 : y1, bz = swap ? z0 : z1;
+    const float dx = bx - ax, dy = by - ay, dz = bz - az;
+    const float square = dx * dx + dy * dy + dz * dz;
+    const float ex = eye.x - ax, ey = eye.y - ay, ez = eye.z - az;
+    float t = (ex * dx + ey * dy + ez * dz) / square;
+    t = t < 0 ? 0.0f : 1 < t ? 1.0f : t;
+    t = square > 0 ? t : 0.0f;
+    const float nx = ex - dx * t, ny = ey - dy * t, nz = ez - dz * t;
+    const float n = nx * nx + ny * ny + nz * nz;
+    length[i] = std::sqrt(square / (n < nearSquared ? nearSquared : n)) * scale;
+    const float px = ax - eye.x, py = ay - eye.y, pz = az - eye.z;
+    const float qx = px + (bx - eye.x - px), qy = py + (by - eye.y - py), qz = pz + (bz - eye.z - pz);
+    const float p2 = px * px + py * py + pz * pz, q2 = qx * qx + qy * qy + qz * qz;
+    const float p = (px * axis.x + py * axis.y + pz * axis.z) / std::sqrt(p2);
+    const float q = (qx * axis.x + qy * axis.y + qz * axis.z) / std::sqrt(q2);
+    const float cosineP = p2 > nearSquared ? p : 1.0f, cosineQ = q2 > nearSquared ? q : 1.0f;
+    cosine[i] = cosineP < cosineQ ? cosineQ : cosineP;
+  }
+  for (int i = 0; i < kMetricSteps; ++i)
+    largest = std::max(largest, cosine[i] > insideCone ? length[i] / std::max(motionSide, 1.0f) : slow(i));
+  return largest;
+}
+
+float DiceRate::curve(const float* x, const float* y, const float* z, size_t stride) const {
+  float px[kMetricSteps + 1], py[kMetricSteps + 1], pz[kMetricSteps + 1];
+  for (size_t i = 0; i <= kMetricSteps; ++i)
+    px[i] = x[i * stride], py[i] = y[i * stride], pz[i] = z[i * stride];
+  const float largest = longestSegment(px, py, pz);
   const float length = largest * float(kMetricSteps);
   if (!(flatness > 0)) return length;
   // n chords of equal parameters err by |P''| / 8 n^2, and the second difference of samples at 1/8 is |P''|

@@ -63,6 +63,9 @@ struct DiceRate {
   /// Metric of a curve from its kMetricSteps + 1 points: the largest piece times the number of pieces, or the
   /// number of chords that flatness asks for. Symmetric.
   float curve(const float* x, const float* y, const float* z, size_t stride = 1) const;
+  /// The longest of a curve's pieces: segment() of each, bit by bit.
+  float longestSegment(const float (&x)[kMetricSteps + 1], const float (&y)[kMetricSteps + 1],
+                       const float (&z)[kMetricSteps + 1]) const;
   /// Factor of the metric: 1 where the segment comes into the camera's cone, less outside. a and b relative
   /// to the eye.
   float viewWeight(Vec3 a, Vec3 b) const;

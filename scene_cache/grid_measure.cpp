@@ -8,6 +8,8 @@ namespace fr::cache {
 namespace {
 
 constexpr int kSide = kMaxGridSide + 1;
+/// Rows of vertices of all rows of cells at stride 2, which has the most.
+constexpr int kMostRows = kMaxGridSide / 2 * 3;
 
 /// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
 float squareToTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
@@ -82,43 +84,60 @@ void measureGrid(const float* xyz, int nu, int nv, size_t rowStride, int levels,
   const float rounding = 0x1p-24f * std::max({size.x, size.y, size.z});
   for (int level = 1; level < levels; ++level) {
     const int k = 1 << level;
-    float worst = rounding, along[kSide];
     const float step = 1.0f / float(k);
+    float along[kSide];
     for (int i = 0; i <= nu; ++i) along[i] = float(i & (k - 1)) * step;
+    // How far vertices are from bilinear cells; a row of cells has k + 1 rows of vertices.
+    float square[kMostRows][kSide], twist[kSide][kSide];
+    int rows = 0;
     for (int j = 0; j < nv; j += k) {
       // A cell is traced as two triangles, at most a quarter of its twist from the bilinear cell.
-      float twist[kSide];
       for (int i = 0; i < nu; i += k) {
         const Vec3 t = (p.at(i, j) + p.at(i + k, j + k)) - (p.at(i + k, j) + p.at(i, j + k));
         const float quarter = 0.25f * std::sqrt(glm::dot(t, t));
-        for (int x = 0; x < k; ++x) twist[i + x] = quarter;
+        for (int x = 0; x < k; ++x) twist[j][i + x] = quarter;
       }
-      twist[nu] = twist[nu - 1];
-      for (int y = 0; y <= k; ++y) {
+      twist[j][nu] = twist[j][nu - 1];
+      for (int y = 0; y <= k; ++y, ++rows) {
         const float fv = float(y) * step;
         CoarseRow x, yy, z;
         x.set(p.x[j], p.x[j + k], fv, nu, k), yy.set(p.y[j], p.y[j + k], fv, nu, k);
         z.set(p.z[j], p.z[j + k], fv, nu, k);
-        float square[kSide];
         for (int i = 0; i <= nu; ++i) {
           const float w = 1 - along[i];
           const float ex = p.x[j + y][i] - (x.left[i] * w + x.right[i] * along[i]);
           const float ey = p.y[j + y][i] - (yy.left[i] * w + yy.right[i] * along[i]);
           const float ez = p.z[j + y][i] - (z.left[i] * w + z.right[i] * along[i]);
-          square[i] = ex * ex + ey * ey + ez * ez;
+          square[rows][i] = ex * ex + ey * ey + ez * ez;
         }
-        for (int i = 0; i <= nu; ++i) {
-          const float enough = std::max(0.0f, worst - twist[i]);
-          if (square[i] <= enough * enough) continue;
-          // Collapsed border vertices slide along the surface, which is no deviation: the exact distance
-          // decides.
-          const int first = std::min(i & ~(k - 1), nu - k);
-          const Vec3 a = p.at(first, j), b = p.at(first + k, j), c = p.at(first, j + k),
-                     d = p.at(first + k, j + k);
-          const Vec3 at = p.at(i, j + y);
-          worst = std::max(worst,
-                           std::sqrt(std::min(squareToTriangle(at, a, b, c), squareToTriangle(at, d, c, b))));
-        }
+      }
+    }
+    // Collapsed border vertices slide along the surface, which is no deviation: the exact distance decides.
+    // From the triangle where the vertex should be; the other one is looked at only if that is too far.
+    float worst = rounding;
+    const auto look = [&](int row, int i) {
+      const int y = row % (k + 1), j = row / (k + 1) * k, first = std::min(i & ~(k - 1), nu - k);
+      const Vec3 a = p.at(first, j), b = p.at(first + k, j), c = p.at(first, j + k),
+                 d = p.at(first + k, j + k);
+      const Vec3 at = p.at(i, j + y);
+      const bool lower = i - first + y <= k;
+      const float own = lower ? squareToTriangle(at, a, b, c) : squareToTriangle(at, d, c, b);
+      if (own <= worst * worst) return;
+      const float other = lower ? squareToTriangle(at, d, c, b) : squareToTriangle(at, a, b, c);
+      worst = std::max(worst, std::sqrt(std::min(own, other)));
+    };
+    // The vertex that seems farthest first: few others can then be farther.
+    float most[kMostRows] = {};
+    for (int row = 0; row < rows; ++row)
+      for (int i = 0; i <= nu; ++i) most[row] = square[row][i] > most[row] ? square[row][i] : most[row];
+    const int mostRow = int(std::max_element(most, most + rows) - most);
+    const int mostColumn = int(std::max_element(square[mostRow], square[mostRow] + nu + 1) - square[mostRow]);
+    look(mostRow, mostColumn);
+    for (int row = 0; row < rows; ++row) {
+      const float* const mayTwist = twist[row / (k + 1) * k];
+      for (int i = 0; i <= nu; ++i) {
+        const float enough = std::max(0.0f, worst - mayTwist[i]);
+        if (square[row][i] > enough * enough) look(row, i);
       }
     }
     deviation[level] = std::max(deviation[level], worst);
