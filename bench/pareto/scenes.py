@@ -233,7 +233,7 @@ SCENES = {
     'moving-edge': Scene(moving_rib, moving, {'samples': SAMPLES, 'error': ERRORS, 'var': VARIANCES}, 16),
     'defocused-edge': Scene(defocused_rib, defocused, {'samples': SAMPLES, 'error': ERRORS, 'var': VARIANCES}, 16),
     'teapot': Scene(teapot_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES, 'patch_multiplier': LEVELS}, rate=0.0625),
-    'soft-teapot': Scene(soft_rib, None, {'samples': SAMPLES, 'patch_multiplier': LEVELS, 'levels': FOOTPRINTS}, rate=0.0625),
+    'soft-teapot': Scene(soft_rib, None, {'patch_multiplier': LEVELS, 'levels': FOOTPRINTS}, rate=0.0625),
     'dragon': Scene(dragon_rib, None, {'samples': SAMPLES, 'rate': RATES, 'error': ERRORS, 'var': VARIANCES, 'patch_multiplier': LEVELS},
                     rate=0.25),
 }
