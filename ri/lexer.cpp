@@ -24,7 +24,7 @@ constexpr std::array<uint8_t, 256> makeClasses() {
   std::array<uint8_t, 256> c{};
   for (int i = 128; i < 256; ++i) c[size_t(i)] = kHigh;
   for (unsigned char b : {'\0', ' ', '\t', '\n', '\r', '\f', '\v', '\x1a'}) c[b] = kBlank;
-  for (unsigned char b : {'[', ']', '"', '#'}) c[b] = kDelimiter;
+  for (unsigned char b : {'[', ']', '"', '#', ','}) c[b] = kDelimiter;
   return c;
 }
 constexpr std::array<uint8_t, 256> kClass = makeClasses();
@@ -49,6 +49,14 @@ size_t microsoftNonFinite(const char* p, const char* end) {
   const bool known = word.starts_with("#INF") || word.starts_with("#IND") || word.starts_with("#QNAN") ||
                      word.starts_with("#SNAN");
   return known ? n : 0;
+}
+
+// "C:", alone or behind anything that can stand before a path in a list.
+bool endsInDrive(std::string_view text) {
+  const size_t n = text.size();
+  const auto isLetter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); };
+  return n >= 2 && text[n - 1] == ':' && isLetter(text[n - 2]) &&
+         (n == 2 || !std::isalnum(static_cast<unsigned char>(text[n - 3])));
 }
 
 }  // namespace
@@ -189,6 +197,11 @@ void Lexer::advance() {
           return;
         }
         if (c == '"') return lexString();
+        if (c == ',') {  // hands and scripts put them between numbers
+          ++cur_;
+          comma_ = true;
+          continue;
+        }
         if (lexComment()) return;
         continue;
       case kHigh:
@@ -235,33 +248,71 @@ void Lexer::lexWord() {
   kind_ = TokenKind::kRequest;
 }
 
+// Programs of Windows end strings with a folder's backslash: "C:\tex\". Read by the rules, that is a
+// quotation mark inside a string which goes on to the next one, somewhere else. It is taken for the string's
+// end where nothing can have been quoted and a token could end: at once if the string holds a path with a
+// drive, else if the line ends before the string does.
 void Lexer::lexString() {
   ++cur_;
   text_.clear();
+  bool drive = false, quoted = false;
+  size_t escaped = 0;  // so much of the text ends in an escape: no drive is written as one
+  struct End {
+    uint64_t offset;    // behind the quotation mark
+    size_t textLength;  // before the backslash
+  };
+  std::optional<End> maybe;
+  // The first byte that may be read again.
+  const auto keep = [&] { return maybe ? std::min(maybe->offset, offsetOf(cur_)) : offsetOf(cur_); };
+  const auto keepAt = [&] { return buffer_.get() + (keep() - base_); };
+  const auto endThere = [this](const End& e) {
+    cur_ = buffer_.get() + (e.offset - base_);
+    text_.resize(e.textLength);
+    text_ += '\\';
+    kind_ = TokenKind::kString;
+    endedByBackslash_ = true;
+  };
   for (;;) {
     const char* p = cur_;
     while (p < end_ && *p != '"' && *p != '\\') ++p;
+    if (maybe && std::find_if(cur_, p, [](char c) { return c == '\n' || c == '\r'; }) != p)
+      return endThere(*maybe);
     text_.append(cur_, p);
     cur_ = p;
     if (p == end_) {
-      if (refill(p)) continue;
-      return bad("unterminated string");
+      if (refill(keepAt())) continue;
+      return maybe ? endThere(*maybe) : bad("unterminated string");
     }
     ++cur_;
     if (*p == '"') break;
-    lexEscape();
+    while (end_ - cur_ < 2 && refill(keepAt())) {
+    }
+    if (cur_ == end_) continue;
+    drive = drive || (*cur_ != '\\' && text_.size() >= escaped + 2 && endsInDrive(text_));
+    if (*cur_ == '"') {
+      const char after = cur_ + 1 < end_ ? cur_[1] : ' ';
+      if (!quoted && !maybe && (classOf(after) == kBlank || after == ']')) {
+        maybe = End{offsetOf(cur_ + 1), text_.size()};
+        if (drive) return endThere(*maybe);
+      }
+      quoted = !quoted;
+    }
+    if (drive && *cur_ != '\\' && *cur_ != '"') {
+      text_ += '\\';  // and what follows is itself: "C:\new\tools" holds no line end
+      continue;
+    }
+    lexEscape(keep());
+    escaped = text_.size();
   }
   kind_ = TokenKind::kString;
 }
 
-// cur_ stands after a backslash inside a string. Unknown escapes stay as they are: paths of another system
-// are written without doubling their separators.
-void Lexer::lexEscape() {
-  if (end_ - cur_ < 3) {
-    while (end_ - cur_ < 3 && refill(cur_)) {
-    }
-    if (cur_ == end_) return;
+// cur_ stands after a backslash inside a string; bytes from keepOffset on stay in the window. Unknown escapes
+// stay as they are: paths of another system are written without doubling their separators.
+void Lexer::lexEscape(uint64_t keepOffset) {
+  while (end_ - cur_ < 3 && refill(buffer_.get() + (keepOffset - base_))) {
   }
+  if (cur_ == end_) return;
   const char c = *cur_++;
   switch (c) {
     case 'n':

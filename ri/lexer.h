@@ -79,6 +79,12 @@ class Lexer {
   /// True once after a number that is not finite (nan, inf, 1.#INF) was read.
   bool takeNonFinite() { return std::exchange(nonFinite_, false); }
 
+  /// True once after commas, which are skipped.
+  bool takeComma() { return std::exchange(comma_, false); }
+  /// True once after a string whose last backslash would have escaped its end ("C:\tex\"): it was ended
+  /// there.
+  bool takeEndedByBackslash() { return std::exchange(endedByBackslash_, false); }
+
   std::shared_ptr<BinaryTables> tables() const { return tables_; }
   void setTables(std::shared_ptr<BinaryTables> t) { tables_ = std::move(t); }
 
@@ -90,7 +96,7 @@ class Lexer {
   bool refill(const char* keep);
   void lexNumber();
   void lexString();
-  void lexEscape();
+  void lexEscape(uint64_t keepOffset);
   void lexWord();
   bool lexComment();
   bool lexBinary(unsigned char code);
@@ -121,6 +127,8 @@ class Lexer {
   bool atEnd_ = false;
   bool keepComments_ = false;
   bool nonFinite_ = false;
+  bool comma_ = false;
+  bool endedByBackslash_ = false;
   std::optional<Error> inputError_;
 
   TokenKind kind_ = TokenKind::kEnd;

@@ -99,6 +99,30 @@ TEST(Lexer, StringEscapes) {
   EXPECT_EQ(tokens(R"("C:\windows\path")"), "S:C:\\windows\\path ");  // unknown escapes stay as they are
 }
 
+TEST(Lexer, PathsWithDrivesHaveNoEscapes) {
+  EXPECT_EQ(tokens(R"("C:\new\tools\bin" "a;d:\fonts\1")"), R"(S:C:\new\tools\bin S:a;d:\fonts\1 )");
+  EXPECT_EQ(tokens(R"("C:\\new\\tools" "http:\n" "H\072\n")"), "S:C:\\new\\tools S:http:\n S:H:\n ");
+}
+
+TEST(Lexer, StringsThatEndInABackslash) {
+  // A drive: at once, wherever a token may end. Quoted words inside stay.
+  EXPECT_EQ(tokens(R"(A ["C:\tex\"] "b" ["D:\" "x:\y\"])"), "R:A [ S:C:\\tex\\ ] S:b [ S:D:\\ S:x:\\y\\ ] ");
+  EXPECT_EQ(tokens(R"("C:\run.exe \"a b\" c" B)"), "S:C:\\run.exe \"a b\" c R:B ");
+  EXPECT_EQ(tokens(R"("C:\tex\")"), "S:C:\\tex\\ ");
+  // Anything else: where the line ends before the string.
+  EXPECT_EQ(tokens("A \"tex\\\"\nB \"c\" D"), "R:A S:tex\\ R:B S:c R:D ");
+  EXPECT_EQ(tokens("A \"tex\\\""), "R:A S:tex\\ ");
+  EXPECT_EQ(tokens("\"say \\\" and\" B"), "S:say \" and R:B ");
+  EXPECT_EQ(tokens("\"one \\\"two\\\"\nthree\" B"), "S:one \"two\"\nthree R:B ");
+  // Behind the window: what is read again has been kept.
+  const std::string blanks(300000, ' ');
+  EXPECT_EQ(tokens(blanks + "\"tex\\\" " + blanks + "\nB"), "S:tex\\ R:B ");
+}
+
+TEST(Lexer, CommasAreBlanks) {
+  EXPECT_EQ(tokens("A 1, 2,3 [1,2 , 3] \"a,b\""), "R:A I:1 I:2 I:3 [ I:1 I:2 I:3 ] S:a,b ");
+}
+
 TEST(Lexer, CommentsAndLineEnds) {
   EXPECT_EQ(tokens("A # no\r\nB#no\rC ##yes x\nD"), "R:A R:B R:C ##yes x R:D ");
   EXPECT_EQ(tokens("\xef\xbb\xbf##RenderMan RIB\n"), "##RenderMan RIB ");

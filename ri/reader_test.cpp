@@ -115,7 +115,7 @@ TEST(Reader, UndeclaredParameterCostsOnlyItself) {
 
 TEST(Reader, WrongValueCostsOnlyTheParameter) {
   const auto p = parse(
-      "Surface \"s\" \"Ka\" \"text\" \"Kd\" [1 \"x\" 2] \"Ks\" 3 \"specularcolor\" [1] \"roughness\" 4");
+      "Surface \"s\" \"Ka\" \"text\" \"Kd\" [1 \"x\" 2] \"Ks\" 3 \"specularcolor\" [1 2] \"roughness\" 4");
   EXPECT_EQ(p->rib, "Surface \"s\" \"uniform float Ks\" [3] \"uniform float roughness\" [4]\n");
   EXPECT_EQ(p->reports.count(RiError::kSyntax), 2) << p->reports.str();
   EXPECT_EQ(p->reports.count(RiError::kConsistency), 1);
@@ -358,6 +358,21 @@ TEST(Reader, NonFiniteNumbersAreReported) {
   EXPECT_EQ(p->reports.count(RiError::kMath), 1) << p->reports.str();
 }
 
+TEST(Reader, AStringThatEndsInABackslashIsSaidAtItsStart) {
+  const auto p = parse("Sides 1\nOption \"searchpath\" \"texture\" [\"C:\\tex\\\"]\nSides 2\n");
+  EXPECT_EQ(p->rib,
+            "Sides 1\nOption \"searchpath\" \"uniform string texture\" [\"C:\\\\tex\\\\\"]\nSides 2\n");
+  ASSERT_EQ(p->reports.errors.size(), 1u) << p->reports.str();
+  EXPECT_EQ(p->reports.errors[0].where.line, 2);
+  EXPECT_EQ(p->reports.errors[0].where.column, 32);
+}
+
+TEST(Reader, CommasAreBlanksAndSaidOnce) {
+  const auto p = parse("Translate 1, 2,3\nColor [1,0,0]\nSides 1\n");
+  EXPECT_EQ(p->rib, "Translate 1 2 3\nColor [1 0 0]\nSides 1\n");
+  EXPECT_EQ(p->reports.errors.size(), 1u) << p->reports.str();
+}
+
 TEST(Reader, InlineArchives) {
   const auto p = parse(
       "ArchiveBegin \"a\"\nSides 1\nArchiveBegin \"b\"\nSides 2\nArchiveEnd\nReadArchive \"b\"\nArchiveEnd\n"
@@ -373,11 +388,13 @@ TEST(Reader, VariablesInStrings) {
   ASSERT_TRUE(
       r.readBuffer("Option \"user\" \"string shot\" [\"s12\"] \"int take\" [3]\n"
                    "Display \"$user:shot.exr\" \"file\" \"rgba\"\n"
-                   "Option \"ribparse\" \"varsubst\" [\"$\"]\nFrameBegin 7\n"
+                   "Option \"ribparse\" \"varsubst\" [\"$\"]\n"
+                   "Attribute \"identifier\" \"name\" [\"a$user:shot\"]\nFrameBegin 7\n"
                    "Display \"+${user:shot}_$Frame.t${user:take}.exr\" \"file\" \"rgba\"\n"
                    "IfBegin \"$user:shot == 's12'\"\nDisplay \"+$nothing:at:all\" \"file\" \"z\"\nIfEnd\n"
                    "Option \"ribparse\" \"varsubst\" [\"\"]\nDisplay \"+$Frame\" \"file\" \"a\"\n")
           .ok());
+  EXPECT_EQ(state.state().attributes().values.getString("identifier:name", ""), "as12");
   const auto& d = state.state().options().displays;
   ASSERT_EQ(d.size(), 4u);
   EXPECT_EQ(d[0].name, "$user:shot.exr");

@@ -99,10 +99,19 @@ void RequestParser::next() {
     } else if (lexer_.kind() == TokenKind::kComment) {
       comments_.emplace_back(RecordKind::kComment, lexer_.text());
     } else {
-      if (lexer_.kind() == TokenKind::kString && !reader_.substitution_.empty()) substitute();
+      if (lexer_.kind() == TokenKind::kString) stringRead();
       return;
     }
   }
+}
+
+void RequestParser::stringRead() {
+  if (lexer_.takeEndedByBackslash())
+    complain(Severity::kWarning, RiError::kSyntax,
+             fmt::format("string \"{}\" ends in a backslash and a quotation mark; that is taken for its end "
+                         "(write \"/\", or the backslash twice)",
+                         lexer_.text().substr(0, 60)));
+  if (!reader_.substitution_.empty()) substitute();
 }
 
 // Option "ribparse" "varsubst": $name and ${name} inside strings. Conditions look their variables up
@@ -393,6 +402,7 @@ bool RequestParser::undeclaredValue(Param& p) {
       keepComment();
     } else {
       if (p.floats.empty() && atString()) {
+        stringRead();  // readNumbers() came upon it
         p.declaration.type = ValueType::kString;
         for (; atString(); next()) p.strings.push_back(lexer_.text());
       }
@@ -458,6 +468,11 @@ ParamList RequestParser::params(std::string_view context, bool primitive) {
       if (p.floats.empty()) p.declaration = *d;
     } else if (!value(p)) {
       continue;
+    }
+    if (!primitive && d->type == ValueType::kColor && p.floats.size() == 1 && !d->isArray) {
+      warn(RiError::kConsistency,
+           fmt::format("\"{} {}\" has 1 number, expected 3; all three are that one", d->str(), p.name));
+      p.floats.resize(3, p.floats[0]);
     }
     if (!primitive && p.elementCount() < d->width()) {
       warn(RiError::kConsistency, fmt::format("\"{} {}\" has {} numbers or strings, expected {}; ignored",
@@ -541,8 +556,10 @@ void RequestParser::request() {
   next();
   if (!handler) {
     if (reader_.warned_.size() < size_t(kMaxComplaints) && reader_.warned_.insert(name_).second) {
+      const std::string_view meant = requestInOtherCase(name_);
       complain(Severity::kWarning, RiError::kBadToken,
-               fmt::format("request \"{}\" is not known; {}", name_.substr(0, 60),
+               fmt::format("request \"{}\" is not known{}; {}", name_.substr(0, 60),
+                           meant.empty() ? "" : fmt::format(" (its name is {})", meant),
                            reader_.options_.passThrough ? "passed on" : "skipped"));
     }
     if (reader_.options_.passThrough) return passVerbatim();
@@ -550,6 +567,8 @@ void RequestParser::request() {
     return;
   }
   handler(*this);
+  if (lexer_.takeComma())
+    warnOnce(RiError::kSyntax, "commas are read as blanks; a number with a decimal comma is two");
   if (lexer_.takeNonFinite()) warn(RiError::kMath, "a number of this request is not finite");
   if (ok() && lexer_.kind() != TokenKind::kRequest && lexer_.kind() != TokenKind::kEnd) {
     warn(RiError::kSyntax, fmt::format("{} is more than the request takes; skipped", describeToken()));

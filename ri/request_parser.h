@@ -89,6 +89,7 @@ class RequestParser : public Locator {
   bool value(Param& p);
   bool undeclaredValue(Param& p);
   void keepComment();
+  void stringRead();
   void substitute();
   void skipValue();
   void skipRestOfValue();
@@ -115,6 +116,8 @@ class RequestParser : public Locator {
 using RequestHandler = void (*)(RequestParser&);
 /// nullptr for a name that is no request.
 RequestHandler findRequest(std::string_view name);
+/// The request that has this name but for upper and lower case; empty if there is none.
+std::string_view requestInOtherCase(std::string_view name);
 /// All names that findRequest knows, sorted.
 std::vector<std::string_view> requestNames();
 

@@ -368,7 +368,10 @@ const Entry kRequests[] = {
     {"TransformEnd", [](P& p) { p.renderer().transformEnd(); }},
     {"SolidBegin", [](P& p) { std::string s = p.string(); if (p.ok()) p.renderer().solidBegin(std::move(s)); }},
     {"SolidEnd", [](P& p) { p.renderer().solidEnd(); }},
-    {"ObjectBegin", [](P& p) { Handle h = p.handle(); if (p.ok()) p.renderer().objectBegin(std::move(h)); }},
+    {"ObjectBegin", [](P& p) {
+       Handle h = p.handle();
+       if (!p.reader().options().passThrough) (void)p.params("ObjectBegin");  // "__handleid", of later versions
+       if (p.ok()) p.renderer().objectBegin(std::move(h)); }},
     {"ObjectEnd", [](P& p) { p.renderer().objectEnd(); }},
     {"ObjectInstance", [](P& p) { Handle h = p.handle(); if (p.ok()) p.renderer().objectInstance(std::move(h)); }},
     {"MotionBegin", [](P& p) {
@@ -516,6 +519,15 @@ RequestHandler findRequest(std::string_view name) {
   }();
   const auto it = table.find(name);
   return it == table.end() ? nullptr : it->second;
+}
+
+std::string_view requestInOtherCase(std::string_view name) {
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? char(c + ('a' - 'A')) : c; };
+  for (const Entry& e : kRequests) {
+    const std::string_view known = e.name;
+    if (std::ranges::equal(known, name, {}, lower, lower)) return known;
+  }
+  return {};
 }
 
 std::vector<std::string_view> requestNames() {

@@ -26,8 +26,16 @@ bool isInteger(double v) {
 
 void appendQuoted(std::string& to, std::string_view s) {
   to += '"';
-  for (char c : s) {
+  for (size_t i = 0; i < s.size(); ++i) {
+    const char c = s[i];
     switch (c) {
+      case ':':
+        // Before another escape it could be taken for a drive, and that for part of a path.
+        if (i + 1 < s.size() && (s[i + 1] == '"' || static_cast<unsigned char>(s[i + 1]) < 32))
+          to += "\\072";
+        else
+          to += c;
+        break;
       case '"':
         to += "\\\"";
         break;
