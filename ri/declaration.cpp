@@ -64,6 +64,25 @@ Error badDeclaration(std::string_view text) {
   return makeError(RiError::kSyntax, "\"{}\" is not a declaration (class type[n])", text);
 }
 
+// "[n]" at the front of `rest`, if there is one.
+bool takeArrayLength(std::string_view& rest, Declaration& d) {
+  rest = trim(rest);
+  if (rest.empty() || rest.front() != '[') return true;
+  const size_t close = rest.find(']');
+  if (close == std::string_view::npos) return false;
+  const std::string_view digits = trim(rest.substr(1, close - 1));
+  int n = 0;
+  for (char c : digits) {
+    if (c < '0' || c > '9' || n > kMaxArrayLength) return false;
+    n = n * 10 + (c - '0');
+  }
+  if (digits.empty() || n < 1 || n > kMaxArrayLength) return false;
+  d.arrayLength = n;
+  d.isArray = true;
+  rest = trim(rest.substr(close + 1));
+  return true;
+}
+
 // Reads the declaration at the front of `rest`; what follows it stays in `rest`.
 Result<Declaration> takeDeclaration(std::string_view& rest, std::string_view whole) {
   Declaration d;
@@ -75,21 +94,7 @@ Result<Declaration> takeDeclaration(std::string_view& rest, std::string_view who
   const auto t = typeFromName(word);
   if (!t) return badDeclaration(whole);
   d.type = *t;
-  rest = trim(rest);
-  if (!rest.empty() && rest.front() == '[') {
-    const size_t close = rest.find(']');
-    if (close == std::string_view::npos) return badDeclaration(whole);
-    const std::string_view digits = trim(rest.substr(1, close - 1));
-    int n = 0;
-    for (char c : digits) {
-      if (c < '0' || c > '9' || n > kMaxArrayLength) return badDeclaration(whole);
-      n = n * 10 + (c - '0');
-    }
-    if (digits.empty() || n < 1 || n > kMaxArrayLength) return badDeclaration(whole);
-    d.arrayLength = n;
-    d.isArray = true;
-    rest = trim(rest.substr(close + 1));
-  }
+  if (!takeArrayLength(rest, d)) return badDeclaration(whole);
   return d;
 }
 
@@ -343,9 +348,10 @@ Result<ParsedToken> parseToken(std::string_view token) {
   if (rest.find_first_of(" \t[\n\r") == std::string_view::npos) return r;
   Result<Declaration> d = takeDeclaration(rest, token);
   if (!d) return d.error();
-  if (rest.empty() || rest.find_first_of(" \t[\n\r") != std::string_view::npos) return badDeclaration(token);
+  r.name = takeWord(rest);
+  if (!d->isArray && !takeArrayLength(rest, *d)) return badDeclaration(token);  // "float x[3]", as C has it
+  if (r.name.empty() || !trim(rest).empty()) return badDeclaration(token);
   r.declaration = *d;
-  r.name = rest;
   return r;
 }
 

@@ -287,6 +287,14 @@ void takeStandardClass(Param& p, const ValueCounts& counts) {
   }
 }
 
+/// Another class that has as many values as were given: what was declared is wrong, what was meant is plain.
+std::optional<StorageClass> classOf(uint64_t values, const ValueCounts& counts) {
+  for (const StorageClass c : {StorageClass::kVarying, StorageClass::kVertex, StorageClass::kFaceVarying,
+                               StorageClass::kUniform, StorageClass::kConstant})
+    if (values == counts.of(c)) return c;
+  return std::nullopt;
+}
+
 }  // namespace
 
 uint64_t ValueCounts::of(StorageClass c) const {
@@ -409,8 +417,19 @@ Result<PrimitiveCheck> checkPrimitive(Primitive& p, BasisSteps steps) {
     Error e = inconsistent("{}: \"{} {}\" has {} numbers, expected {} ({} values of {})", name,
                            v.declaration.str(), v.name, actual, product(expected, width), expected, width);
     if (isPosition) return e;
-    check.dropped.push_back(std::move(e));
-    list.erase(list.begin() + ptrdiff_t(i));
+    const std::optional<StorageClass> meant =
+        actual % width == 0 ? classOf(actual / width, *counts) : std::nullopt;
+    if (!meant) {
+      e.message += "; ignored";
+      check.complaints.push_back(std::move(e));
+      list.erase(list.begin() + ptrdiff_t(i));
+      continue;
+    }
+    list[i].declaration.storage = *meant;
+    e.message += fmt::format("; taken as {}", storageClassName(*meant));
+    e.severity = Severity::kWarning;
+    check.complaints.push_back(std::move(e));
+    ++i;
   }
   return check;
 }

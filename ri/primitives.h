@@ -142,11 +142,12 @@ Result<ValueCounts> expectedCounts(const Primitive& p, BasisSteps steps);
 
 /// Full check of a primitive before anything uses it: topology, indices, ranges of its scalar arguments,
 /// presence of positions (kMissingData), the count of every variable (kConsistency, with the expected and the
-/// actual number). Variables with a wrong count other than positions are dropped with a warning in
-/// `dropped` instead of failing, so that a bad texture coordinate does not lose the shape.
+/// actual number). Variables with a wrong count other than positions do not fail, so that a bad texture
+/// coordinate does not lose the shape: they get the class whose count they have, or are dropped. `complaints`
+/// says which.
 struct PrimitiveCheck {
   ValueCounts counts;
-  std::vector<Error> dropped;
+  std::vector<Error> complaints;
 };
 Result<PrimitiveCheck> checkPrimitive(Primitive& p, BasisSteps steps);
 

@@ -103,7 +103,7 @@ TEST(Check, IndexedMesh) {
   p = more;
   c = checkPrimitive(p, {});
   ASSERT_TRUE(c.ok());
-  EXPECT_TRUE(c->dropped.empty());
+  EXPECT_TRUE(c->complaints.empty());
 
   auto few = twoTriangles();
   few.params.set(floats("P", 9));
@@ -141,10 +141,31 @@ TEST(Check, WrongVariableIsDroppedAlone) {
   Primitive p = s;
   const auto c = checkPrimitive(p, {});
   ASSERT_TRUE(c.ok());
-  ASSERT_EQ(c->dropped.size(), 1u);
-  EXPECT_EQ(c->dropped[0].code, RiError::kConsistency);
+  ASSERT_EQ(c->complaints.size(), 1u);
+  EXPECT_EQ(c->complaints[0].code, RiError::kConsistency);
   EXPECT_EQ(paramsOf(p).size(), 2u);
   EXPECT_FALSE(paramsOf(p).has("s"));
+}
+
+TEST(Check, AVariableOfTheWrongClassTakesTheOneThatFitsAndSaysSo) {
+  const auto check = [](const char* token, size_t n, const char* name) {
+    PointsPolygons s;
+    s.nverts = {3, 3};
+    s.verts = {0, 1, 2, 0, 2, 3};
+    s.params.set(floats("P", 12));
+    s.params.set(floats(token, n));
+    Primitive p = s;
+    const Result<PrimitiveCheck> c = checkPrimitive(p, {});
+    if (!c || c->complaints.size() != 1) return std::string("no complaint");
+    const Param* found = paramsOf(p).find(name);
+    return std::string(found ? found->declaration.str() : "dropped");
+  };
+  EXPECT_EQ(check("varying float[2] st", 12, "st"), "facevarying float[2]");
+  EXPECT_EQ(check("facevarying normal N", 12, "N"), "varying normal");
+  EXPECT_EQ(check("varying color Cs", 3, "Cs"), "constant color") << "one colour for all";
+  EXPECT_EQ(check("vertex float heat", 2, "heat"), "uniform float");
+  EXPECT_EQ(check("vertex float heat", 5, "heat"), "dropped");
+  EXPECT_EQ(check("varying float[2] st", 11, "st"), "dropped");
 }
 
 // `"float[2] st"` with a value a vertex: no class is "uniform", which does not fit and is not meant.
@@ -165,7 +186,7 @@ TEST(Check, StandardVariablesWithoutAClassTakeTheOneThatFits) {
   EXPECT_EQ(classOf("color Cs", 12, "Cs"), "varying color");
   EXPECT_EQ(classOf("color Cs", 6, "Cs"), "uniform color") << "one a face is what the words say";
   EXPECT_EQ(classOf("color Cs", 9, "Cs"), "dropped");
-  EXPECT_EQ(classOf("float mine", 4, "mine"), "dropped") << "only the standard's variables";
+  EXPECT_EQ(classOf("float mine", 4, "mine"), "varying float");
   PointsPolygons s;
   s.nverts = {3};
   s.verts = {0, 1, 2};
@@ -208,6 +229,10 @@ TEST(Declaration, Parsing) {
   ASSERT_TRUE(t.ok());
   EXPECT_EQ(t->name, "st");
   EXPECT_EQ(t->declaration->storage, StorageClass::kFaceVarying);
+  const auto c = parseToken("uniform color tints[4]");
+  EXPECT_EQ(c->name, "tints");
+  EXPECT_EQ(c->declaration->str(), "uniform color[4]");
+  EXPECT_FALSE(parseToken("float[2] x[2]").ok());
   EXPECT_FALSE(parseToken("Ka")->declaration.has_value());
   EXPECT_FALSE(parseToken("float a b").ok());
 }
