@@ -101,6 +101,10 @@ void StateRenderer::setShader(ShaderKind kind, ShaderPtr s) {
       a.exterior = std::move(s);
       break;
     case ShaderKind::kDeformation:
+      if (s && a.deformation)
+        reportOnceHere(RiError::kUnimplemented, Severity::kWarning,
+                       fmt::format("Deformation \"{}\" takes the place of \"{}\": they are not concatenated",
+                                   s->name, a.deformation->name));
       a.deformation = std::move(s);
       break;
     default:
@@ -393,7 +397,7 @@ void StateRenderer::emit(std::vector<float> times, std::vector<Primitive> sample
   for (size_t i = 0; i < samples.size(); ++i) {
     Result<PrimitiveCheck> c = checkPrimitive(samples[i], steps);
     if (!c) return void(check(c.error()));
-    for (const Error& e : c->dropped) reportHere(e.code, e.severity, e.message + "; ignored");
+    for (const Error& e : c->complaints) reportHere(e.code, e.severity, e.message);
     if (i == 0) m->counts = c->counts;
     if (!(c->counts == m->counts)) {
       return reportHere(RiError::kBadMotion, Severity::kError,

@@ -87,7 +87,7 @@ void StateRenderer::frameBegin(int number) {
 void StateRenderer::frameEnd() {
   if (state_.inside(BlockKind::kFrame) && !state_.mayEnd(BlockKind::kFrame))
     return closeBlock(BlockKind::kFrame);
-  if (state_.inWorld()) {
+  if (state_.inWorld() && state_.inside(BlockKind::kFrame)) {
     reportHere(RiError::kNesting, Severity::kError, "FrameEnd inside a World block; the world ends here");
     worldEnd();
   }
@@ -261,6 +261,12 @@ void StateRenderer::motionEnd() {
   if (m.count != n) {
     reportHere(RiError::kBadMotion, m.count < n ? Severity::kError : Severity::kWarning,
                fmt::format("a motion block with {} times holds {} requests", n, m.count));
+  }
+  if (m.zooms.size() == m.count) {
+    // A camera that zooms is one that stands still and sees everything grow across its line of sight.
+    for (const double zoom : m.zooms)
+      m.transforms.push_back(
+          {TransformRequest::Kind::kScale, {m.zooms.front() / zoom, m.zooms.front() / zoom, 1}});
   }
   if (!m.transforms.empty()) {
     m.transforms.resize(std::min(m.transforms.size(), n));

@@ -83,8 +83,11 @@ void StateRenderer::cropWindow(double xmin, double xmax, double ymin, double yma
 }
 
 void StateRenderer::projection(std::string name, ParamList params) {
-  if (!optionAllowed("Projection") || !motionSample("Projection")) return;
-  state_.setProjection(std::move(name), std::move(params));
+  if (!optionAllowed("Projection")) return;
+  const bool first = motionSample("Projection");
+  if (motion_ && motion_->request == "Projection" && name == "perspective")
+    motion_->zooms.push_back(std::tan(params.getFloat("fov", 90) * 3.14159265358979323846 / 360));
+  if (first) state_.setProjection(std::move(name), std::move(params));
 }
 
 void StateRenderer::clipping(double near, double far) {

@@ -71,7 +71,8 @@ struct MotionBlock {
   std::vector<Color> colors;
   std::vector<ShaderPtr> shaders;  // nullptr: none
   std::vector<Bound> bounds;
-  int light = -1;  // whose shader moves
+  std::vector<double> zooms;  // half the picture's size at distance 1, by each Projection
+  int light = -1;             // whose shader moves
   SourceLocation location;
 };
 

@@ -367,6 +367,34 @@ TEST(Motion, MovingCamera) {
   expectNear(transformPoint(s.cameras[0].worldToCamera->at(1), DVec3(0)), {0, 0, 7});
 }
 
+// From 90 to 53.13 degrees: what stood at the picture's edge, at 1, goes to 2.
+TEST(Motion, AMovingProjectionZooms) {
+  Scene s;
+  s.read(
+      "Shutter 0 1 MotionBegin [0 1] Projection \"perspective\" \"fov\" 90 Projection \"perspective\" "
+      "\"fov\" "
+      "53.1301024 MotionEnd Translate 0 0 5 WorldBegin WorldEnd");
+  EXPECT_TRUE(s.reports.errors.empty()) << s.reports.str();
+  ASSERT_EQ(s.cameras.size(), 1u);
+  const Camera& c = s.cameras[0];
+  EXPECT_NEAR(c.fov, 90, 1e-5);
+  ASSERT_TRUE(c.worldToCamera->isMoving());
+  for (const float t : {0.0f, 1.0f}) {
+    const DVec3 p = transformPoint(c.worldToCamera->at(t), DVec3(5, 0, 0));
+    EXPECT_NEAR(p.x / p.z, 1 + t, 1e-5);
+    EXPECT_NEAR(p.z, 5, 1e-9);
+  }
+}
+
+TEST(Motion, DeformationsInAChainAreSaid) {
+  Scene s;
+  s.read(
+      "WorldBegin AttributeBegin Deformation \"a\" Deformation \"b\" AttributeEnd Deformation \"c\" "
+      "Deformation \"\" Deformation \"d\" WorldEnd");
+  ASSERT_EQ(s.reports.errors.size(), 1u) << s.reports.str();
+  EXPECT_EQ(s.reports.errors[0].severity, Severity::kWarning);
+}
+
 // Shaded once, so what moves has its mean over the shutter: between keys at 0 and 1, that of 0.25 to 0.75 is
 // in the middle; with keys at 0, 0.5 and 1 each end counts an eighth.
 TEST(Motion, AttributesHaveTheirMeanOverTheShutter) {
