@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdio>
+#include <map>
 #include <mutex>
 #include <set>
 
@@ -15,6 +16,7 @@ namespace {
 struct Reporter {
   std::recursive_mutex mutex;  // a sink may do what reports again
   std::set<std::string, std::less<>> seen;
+  std::map<std::string, int, std::less<>> printed;  // by shape
   std::function<void(const Error&)> sink;
   std::atomic<ErrorMode> mode{ErrorMode::kPrint};
   std::atomic<int> last{0};
@@ -24,6 +26,37 @@ struct Reporter {
 Reporter& reporter() {
   static Reporter* r = new Reporter;  // never destroyed: threads may report until the very end
   return *r;
+}
+
+/// Messages that say the same of another thing are printed so many times: a mistake of an exporter is in
+/// every object.
+constexpr int kMostAlike = 100;
+constexpr size_t kMostShapes = 10000;
+
+/// A message without what it names and counts.
+std::string shapeOf(const Error& e) {
+  std::string shape;
+  char quote = 0;
+  for (const char c : e.message) {
+    if (quote != 0) {
+      if (c == quote) quote = 0;
+    } else if (c == '"' || c == '\'') {
+      quote = c;
+      shape += c;
+    } else if (c < '0' || c > '9') {
+      shape += c;
+    }
+  }
+  return shape;
+}
+
+/// With the lock held: true while it may be printed.
+bool mayPrint(Reporter& r, const Error& e, bool& last) {
+  std::string shape = shapeOf(e);
+  if (r.printed.size() >= kMostShapes && !r.printed.contains(shape)) return true;
+  const int n = ++r.printed[std::move(shape)];
+  last = n == kMostAlike;
+  return n <= kMostAlike;
 }
 
 }  // namespace
@@ -120,7 +153,10 @@ void report(const Error& e) {
   if (r.sink) {
     r.sink(e);
   } else if (mode != ErrorMode::kIgnore) {
+    bool last = false;
+    if (!mayPrint(r, e, last)) return;
     logMessage(e.severity, e.str());
+    if (last) logMessage(Severity::kInfo, "more messages like the last one are not printed");
   }
 }
 
@@ -155,7 +191,7 @@ void setReportSink(std::function<void(const Error&)> sink) {
   Reporter& r = reporter();
   const std::lock_guard lock(r.mutex);
   r.sink = std::move(sink);
-  r.seen.clear();
+  r.seen.clear(), r.printed.clear();
   r.last = 0;
   r.abort = false;
   for (auto& c : r.counts) c = 0;

@@ -29,6 +29,20 @@ TEST(Error, ReportsAreCountedAndOnceMeansOnce) {
   EXPECT_EQ(reportCount(Severity::kInfo), 0);
 }
 
+TEST(Error, AHundredMessagesOfOneShapeAreEnough) {
+  setReportSink({});
+  testing::internal::CaptureStderr();
+  for (int i = 0; i < 500; ++i)
+    report(makeError(RiError::kNoFile, "there is no texture \"a{}\" in {}", i, i));
+  report(makeError(RiError::kRange, "something else"));
+  const std::string text = testing::internal::GetCapturedStderr();
+  EXPECT_NE(text.find("\"a99\""), std::string::npos);
+  EXPECT_EQ(text.find("\"a100\""), std::string::npos);
+  EXPECT_NE(text.find("something else"), std::string::npos);
+  EXPECT_EQ(reportCount(Severity::kError), 501);
+  setReportSink({});
+}
+
 TEST(Error, AbortModeAsksToStopAtErrorsOnly) {
   setReportSink([](const Error&) {});
   setErrorMode(ErrorMode::kAbort);
