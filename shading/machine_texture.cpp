@@ -232,6 +232,10 @@ void Machine::textureOptions(Frame& f, const Step& s, uint32_t fixed, FrTextureC
       call.samples = int(std::clamp(one, 1.0f, 65536.0f));
     else if (name == "bias")
       call.bias = lanesOf(value);
+    else if (name.starts_with("source") && call.sourceCount < 4 &&
+             isTriple(p.symbols[symbolOf(f, s, k + 1)].type))
+      for (uint32_t c = 0, corner = uint32_t(call.sourceCount++); c < 3; ++c)
+        call.source[corner][c] = lanesOf(value, c);
     // Unknown parameters are for other renderers.
   }
 }

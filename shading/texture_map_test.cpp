@@ -307,6 +307,33 @@ TEST_F(ShadowTest, PercentagesOfTheEdge) {
   EXPECT_EQ(along(0, 4, 8, ", \"blur\", .1"), along(0, 4, 8, ", \"blur\", .1"));
 }
 
+// A light as large as the ball: at the edge of the hard shadow half of it shows, its penumbra is as wide
+// again.
+TEST_F(ShadowTest, TheCornersOfALightMakePenumbras) {
+  ASSERT_TRUE(make(FR_MAKE_SHADOW, {"ball.z"}, "ball.shd").ok());
+  const float radius = 8 * std::tan(std::asin(0.25f));
+  const auto hard = along(0, 4, 8, ", \"source\", point(0, 0, 0), \"samples\", 4");
+  const auto soft =
+      along(0, 4, 8,
+            ", \"source\", point(-.5, -.5, 0), point(.5, -.5, 0), point(.5, .5, 0), point(-.5, .5, 0), "
+            "\"gapbias\", .1, \"samples\", 256");
+  for (uint32_t i = 0; i < 64; ++i) {
+    const float x = 4 * float(i) / 63;
+    if (std::fabs(x - radius) > 0.2f) {
+      EXPECT_FLOAT_EQ(hard[i], x < radius ? 1.0f : 0.0f) << x;
+    }
+    // By similar triangles the penumbra reaches 0.5 (8 - 4) / 4 to either side. Lines through the ball's rim
+    // may pass between two steps.
+    if (std::fabs(x - radius) > 0.7f) {
+      EXPECT_NEAR(soft[i], x < radius ? 1.0f : 0.0f, 0.1f) << x;
+    }
+    if (std::fabs(x - radius) < 0.1f) {
+      EXPECT_NEAR(soft[i], 0.5f, 0.2f) << x;
+    }
+  }
+  EXPECT_TRUE(errors.empty()) << errors[0].str();
+}
+
 TEST_F(ShadowTest, ASlantedPlaneDoesNotShadowItself) {
   matrices = cameraMatrices({0, 0, 0}, kFov);
   const float scale = std::tan(kFov * kPi / 360);

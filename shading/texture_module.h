@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define FR_TEXTURE_ABI 1u
+#define FR_TEXTURE_ABI 2u
 #define FR_TEXTURE_ENTRY "frTextureModule"
 
 struct FrTextureFile; /* an open file; valid until the textures it came from are closed */
@@ -70,6 +70,9 @@ struct FrTextureCall {
   float biasLow, biasHigh;      /* biasHigh negative: from the receiver's slope and the size of texels */
   const double* currentToWorld; /* 16, row vectors */
   const uint64_t* seed;         /* per lane; may be NULL */
+  /* Corners of the light, in current space: 0 none, 2 a line, 4 an area, in the order of a patch. */
+  int sourceCount;
+  struct FrLanes source[4][3];
 };
 
 enum FrMakeKind {

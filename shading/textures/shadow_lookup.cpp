@@ -174,6 +174,71 @@ float sampledFraction(const Region& r, int width, int height, int samples, uint6
   return float(dark) / float(columns * rows);
 }
 
+/// The corners of a light as those of a patch; two are a line, three the corner between two sides.
+struct Source {
+  Source(const FrTextureCall& call, uint32_t lane) : count(call.sourceCount) {
+    for (int k = 0; k < count; ++k)
+      for (int c = 0; c < 3; ++c) corner[k][c] = double(at(call.source[k][c], lane));
+    for (int c = 0; c < 3; ++c) {
+      if (count == 1) corner[1][c] = corner[0][c];
+      if (count == 3) corner[3][c] = corner[1][c] + corner[2][c] - corner[0][c];
+    }
+    if (count < 3)
+      for (int k = 0; k < 2; ++k) std::copy(corner[k], corner[k] + 3, corner[k + 2]);
+    // Given around, the last two change places: the better parallelogram is meant.
+    const auto bend = [&](int a, int b) {
+      double sum = 0;
+      for (int c = 0; c < 3; ++c) {
+        const double d = corner[0][c] + corner[a][c] - corner[1][c] - corner[b][c];
+        sum += d * d;
+      }
+      return sum;
+    };
+    if (count == 4 && bend(2, 3) < bend(3, 2)) std::swap(corner[2], corner[3]);
+  }
+  void place(double u, double v, double p[3]) const {
+    for (int c = 0; c < 3; ++c)
+      p[c] = (1 - v) * ((1 - u) * corner[0][c] + u * corner[1][c]) +
+             v * ((1 - u) * corner[2][c] + u * corner[3][c]);
+  }
+  int count;
+  double corner[4][3];
+};
+
+/// How much of an area light a point does not see: lines to places on it are followed through what the map
+/// knows. A line is stopped where it comes out of the front of something: what is behind that front is not
+/// known, so a line that leaves it at a side passes.
+float hiddenFraction(const Source& source, const double p[3], float bias, int samples, const Camera& camera,
+                     int width, int height, uint64_t& random, Tiles& tiles) {
+  constexpr int kSteps = 24;
+  const int columns = std::max(1, int(std::sqrt(float(samples)))), rows = std::max(1, samples / columns);
+  int dark = 0;
+  for (int k = 0; k < columns * rows; ++k) {
+    double to[3];
+    source.place((double(k % columns) + double(nextUnit(random))) / columns,
+                 (double(k / columns) + double(nextUnit(random))) / rows, to);
+    const double shift = double(nextUnit(random));
+    bool behind = false, stopped = false;
+    float last = 0;
+    for (int step = 0; step < kSteps && !stopped; ++step) {
+      const double t = (step + shift) / kSteps;
+      double q[3];
+      for (int c = 0; c < 3; ++c) q[c] = p[c] + t * (to[c] - p[c]);
+      float x, y, z;
+      if (!camera.project(q, x, y, z) || x < 0 || y < 0 || x >= float(width) || y >= float(height)) {
+        behind = false;
+        break;
+      }
+      const float front = tiles.depth(int(x), int(y));
+      const bool now = front < z - bias;
+      stopped = behind && !now && front < last;
+      behind = now, last = z;
+    }
+    if (stopped || behind) ++dark;
+  }
+  return float(dark) / float(columns * rows);
+}
+
 }  // namespace
 
 std::string lookUpShadow(FrTextureFile& file, const FrTextureCall& call) {
@@ -234,6 +299,11 @@ std::string lookUpShadow(FrTextureFile& file, const FrTextureCall& call) {
     const float slopeBias =
         automatic ? 0.5f * (std::fabs(r.slopeX) + std::fabs(r.slopeY)) + 0.5f * texel + 1e-5f * std::fabs(r.z)
                   : 0.0f;
+    if (call.sourceCount > 0) {
+      const float bias = given >= 0 ? given : automatic ? slopeBias : call.biasHigh;
+      result = hiddenFraction(Source(call, i), p, bias, samples, camera, width, height, random, tiles);
+      continue;
+    }
     const auto closer = [&](float depth, float x, float y) {
       float bias = slopeBias;
       if (given >= 0)
