@@ -116,6 +116,11 @@ double largestStretch(const DMat4& m) {
   return std::isfinite(r) ? r : 0;
 }
 
+ri::ShaderPtr movingSurface(const ri::AttributeState& a) {
+  const float radius = a.values.getFloat("displacementbound:sphere", 0);
+  return !a.displacement && radius > 0 && std::isfinite(radius) ? a.surface : nullptr;
+}
+
 AttributeRecords::AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state,
                                    bool cameraMirrored, const Rates& rates)
     : writer_(writer), state_(state), cameraMirrored_(cameraMirrored), rates_(rates) {}
@@ -202,7 +207,7 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
   if (withLights)
     if (const ShaderId id = light(a.areaLight); id != kNone) r.areaLight = id + 1;
   r.surface = shader(a.surface);
-  r.displacement = shader(a.displacement);
+  r.displacement = shader(a.displacement ? a.displacement : movingSurface(a));
   if (const ShaderId id = shader(a.deformation); id != kNone) r.deformation = id + 1;
   r.atmosphere = shader(a.atmosphere);
   r.interior = shader(a.interior);
@@ -226,7 +231,8 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
 
 float AttributeRecords::displacementBound(const ri::AttributeState& a,
                                           const ri::TransformPtr& objectToWorld) const {
-  const ri::ShaderPtr& shader = a.displacement ? a.displacement : a.deformation;
+  ri::ShaderPtr shader = a.displacement ? a.displacement : a.deformation;
+  if (!shader) shader = movingSurface(a);
   if (!shader) return 0;
   const double radius = a.values.getFloat("displacementbound:sphere", 0);
   if (!(radius > 0) || !std::isfinite(radius)) return 0;

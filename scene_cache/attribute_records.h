@@ -47,6 +47,11 @@ struct Thinning {
   bool seen() const { return below < 1 - above; }
 };
 
+/// The surface shader where it may be meant to displace, as many did before there were displacement shaders:
+/// no other shader displaces, and there is a "displacementbound". Null elsewhere. Whether it moves its
+/// points, the shading system knows.
+ri::ShaderPtr movingSurface(const ri::AttributeState& a);
+
 /// The records of one world. Not thread-safe.
 class AttributeRecords {
  public:

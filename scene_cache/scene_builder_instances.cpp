@@ -94,8 +94,8 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
 bool SceneBuilder::canShare(const ri::RetainedObject& object, const ri::AttributeState& a,
                             const ri::Transform& objectToWorld) const {
   if (objectToWorld.matrices.size() != 1 || !isInvertible(objectToWorld.matrices.front())) return false;
-  if (a.displacement || a.areaLight >= 0 || a.bound || a.deformation || !detailThinning(a).seen() ||
-      world_->solids.open() || object.shapes.empty())
+  if (a.displacement || movingSurface(a) || a.areaLight >= 0 || a.bound || a.deformation ||
+      !detailThinning(a).seen() || world_->solids.open() || object.shapes.empty())
     return false;
   const DMat4& m = objectToWorld.matrices.front();
   if (!(largestStretch(m) * largestStretch(glm::inverse(m)) <= kMostSqueezed)) return false;

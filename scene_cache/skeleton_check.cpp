@@ -178,7 +178,8 @@ class Checker {
       const AttributeRecord& a = all[i];
       const char* what = "attribute state";
       if (!(shaderOfKind(a.surface, ShaderKind::kSurface, what, i, "surface") &&
-            shaderOfKind(a.displacement, ShaderKind::kDisplacement, what, i, "displacement") &&
+            (a.displacement == a.surface ||
+             shaderOfKind(a.displacement, ShaderKind::kDisplacement, what, i, "displacement")) &&
             shaderOfKind(a.atmosphere, ShaderKind::kVolume, what, i, "atmosphere") &&
             shaderOfKind(a.interior, ShaderKind::kVolume, what, i, "interior") &&
             shaderOfKind(a.exterior, ShaderKind::kVolume, what, i, "exterior") &&

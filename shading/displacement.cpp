@@ -32,7 +32,9 @@ class ShadingSystem::Impl::Displacement final : public cache::Displacer {
     // A solid has one shape, whether it is added or taken away.
     const float side = work->columns.subtracted() ? -1.0f : 1.0f;
     if (side < 0) work->columns.turnOver();
-    work->machine.begin(work->columns.batch(), *setup.displacement, {}, setup.partners());
+    Batch batch = work->columns.batch();
+    batch.saysMisses = !setup.surfaceDisplaces;
+    work->machine.begin(batch, *setup.displacement, {}, setup.partners());
     work->machine.run();
     const Operand newP = work->machine.result(GlobalId::k_P), newN = work->machine.result(GlobalId::k_N);
     for (size_t k = 0; k < n; ++k) {

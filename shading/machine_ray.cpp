@@ -348,6 +348,7 @@ bool Machine::mayAsk(const Question& q) {
   }
   if (q.noRays) return false;
   if (batch_.raysAllowed) return true;
+  if (!batch_.saysMisses) return false;
   reportOnce("shading.rays." + main_.exe().program().name,
              Error{RiError::kIncapable,
                    Severity::kWarning,

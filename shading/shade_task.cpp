@@ -124,7 +124,15 @@ void ShadeTask::begin(const ShadePoints& points) {
                        : std::span<const ShaderInstance* const>(t.setup->lights);
   Machine::Partners partners = t.setup->partners();
   if (t.displacementRan) partners.ranDisplacement = t.other.get();
-  t.surface.begin(t.columns.batch(), *t.setup->surface, lights, partners);
+  Batch batch = t.columns.batch();
+  if (t.setup->surfaceDisplaces) {
+    // It moves its points itself, once more.
+    const auto overrides = batch.overrides;
+    const bool raysAllowed = batch.raysAllowed;
+    batch = t.columns.beforeDisplacement(*t.setup);
+    batch.overrides = overrides, batch.raysAllowed = raysAllowed;
+  }
+  t.surface.begin(batch, *t.setup->surface, lights, partners);
 }
 
 /// Ci = Os Cs, Oi = Os: what a surface looks like without its shader.

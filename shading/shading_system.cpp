@@ -207,7 +207,12 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   };
   overridden(a.surface, ShaderType::kSurface, setup->surface, setup->surfaceOverrides);
   if (!setup->surface) setup->surface = fallbackSurface();
-  overridden(a.displacement, ShaderType::kDisplacement, setup->displacement, setup->displacementOverrides);
+  if (a.displacement != a.surface) {
+    overridden(a.displacement, ShaderType::kDisplacement, setup->displacement, setup->displacementOverrides);
+  } else if (a.displacement != cache::kNone && setup->surface->exe->has(kProgramMovesPoints)) {
+    setup->displacement = setup->surface, setup->displacementOverrides = setup->surfaceOverrides;
+    setup->surfaceDisplaces = true;
+  }
   if (a.deformation != 0) setup->deformation = instance(a.deformation - 1, ShaderType::kTransformation, {});
   setup->atmosphere = instance(a.atmosphere, ShaderType::kVolume, {});
   setup->interior = instance(a.interior, ShaderType::kVolume, {});
@@ -246,7 +251,8 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
   for (const ShaderInstance* l : setup->lights) add(l);
   setup->displaced = (setup->displacement && !setup->bumpOnly) || setup->deformation;
   const auto asksDisplacement = [&](const ShaderInstance* i) {
-    return i && setup->displacement && asksForOutputs(i->program(), setup->displacement->program());
+    return i && setup->displacement && !setup->surfaceDisplaces &&
+           asksForOutputs(i->program(), setup->displacement->program());
   };
   if (setup->displaced) {
     setup->displacementIsAsked = asksDisplacement(setup->surface.get());

@@ -315,6 +315,26 @@ TEST(ShadingSystem, DisplacementMovesGridsAndTheirNormals) {
   EXPECT_GT(checked, 50u);
 }
 
+// Surfaces of the first years displace; where a bound is given, the geometry is moved, and the shader sees
+// its points moved once, not twice.
+TEST(ShadingSystem, ASurfaceShaderDisplacesWhereThereIsABound) {
+  const std::map<std::string, std::string> shaders = {
+      {"swell",
+       "surface swell(float by = .1) { P += by * normalize(N); N = calculatenormal(P);"
+       " Ci = length(transform(\"object\", P)); Oi = 1; }"}};
+  for (const bool bound : {true, false}) {
+    Scene s(std::string(bound ? "Attribute \"displacementbound\" \"sphere\" [0.2]\n" : "") +
+                "Surface \"swell\" Sphere 1 -1 1 360\n",
+            shaders);
+    const Mat4 m(s.cache->skeleton().cacheToCamera(0));
+    shadeAll(s, [&](const ShadedVertex& x) {
+      const Vec3 P = transformPoint(m, vertex(s, x.grid, x.i)) - Vec3(0, 0, 5);
+      EXPECT_NEAR(glm::length(P), bound ? 1.1 : 1, 1e-3);
+      EXPECT_NEAR(x.color(0), 1.1, 1e-3);
+    });
+  }
+}
+
 /// What is reported while it lives.
 class Reports {
  public:

@@ -30,12 +30,14 @@ struct ShadeSetup {
   bool canAskRays = false;
   bool usesObjectSpace = false;
   bool displaced = false;                                // a displacement or deformation shader moves points
+  bool surfaceDisplaces = false;                         // the displacement shader is the surface shader
   bool displacementIsAsked = false;                      // a surface or light wants a value that it computes
   uint64_t readsGlobals = 0;                             // of all programs that run when shading
   uint32_t maxDiffuseDepth = 1, maxSpecularDepth = ~0u;  // Attribute "trace"
 
   Machine::Partners partners() const {
-    return {surface.get(), displacement.get(), atmosphere.get(), interior.get(), exterior.get()};
+    return {surface.get(), surfaceDisplaces ? nullptr : displacement.get(), atmosphere.get(), interior.get(),
+            exterior.get()};
   }
 };
 
