@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cctype>
 #include <cstdlib>
 #include <filesystem>
@@ -78,12 +79,32 @@ std::string_view lastPart(std::string_view path) {
   return slash == std::string_view::npos ? path : path.substr(slash + 1);
 }
 
+std::string findInOtherCase(std::string_view name, const std::vector<std::string>& folders) {
+  if (name.empty()) return {};
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? char(c + ('a' - 'A')) : c; };
+  for (const std::string& f : folders) {
+    std::error_code error;
+    // The first by name: the order of a folder is no order.
+    std::string best;
+    for (std::filesystem::directory_iterator i(f.empty() ? "." : f, error), end; !error && i != end;
+         i.increment(error)) {
+      const std::string here = i->path().filename().string();
+      if (std::ranges::equal(here, name, {}, lower, lower) && isFile(i->path()) &&
+          (best.empty() || here < best))
+        best = here;
+    }
+    if (!best.empty()) return (std::filesystem::path(f.empty() ? "." : f) / best).string();
+  }
+  return {};
+}
+
 std::string findMovedFile(std::string_view name, const std::vector<std::string>& folders, bool& moved) {
   std::string found = findFile(name, folders);
   moved = false;
   const std::string_view last = lastPart(name);
-  if (!found.empty() || last.size() == name.size()) return found;
-  found = findFile(last, folders);
+  if (!found.empty()) return found;
+  if (last.size() < name.size()) found = findFile(last, folders);
+  if (found.empty()) found = findInOtherCase(last, folders);
   moved = !found.empty();
   return found;
 }

@@ -19,8 +19,12 @@ std::string findFile(std::string_view name, const std::vector<std::string>& fold
 /// What follows the last '/' or '\\' of a path: its file, for either system.
 std::string_view lastPart(std::string_view path);
 
-/// As findFile; scenes also name the disks of the machines they were made on: where nothing is found, the
-/// last part of the name is looked for alone, and `moved` tells that it was found so.
+/// The first file of `folders` whose name is `name` but for upper and lower case. "" = none.
+std::string findInOtherCase(std::string_view name, const std::vector<std::string>& folders);
+
+/// As findFile; scenes also name the disks of the machines they were made on, some of which did not tell
+/// upper from lower case: where nothing is found, the last part of the name is looked for alone, then in any
+/// case, and `moved` tells that it was found so.
 std::string findMovedFile(std::string_view name, const std::vector<std::string>& folders, bool& moved);
 
 }  // namespace fr::ri

@@ -179,7 +179,7 @@ Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, c
 }
 
 Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOptions& options,
-                                        Diagnostics& diagnostics) {
+                                        Diagnostics& diagnostics, std::string_view name) {
   Result<std::string> text = readSourceFile(path);
   if (!text) {
     diagnostics.add({Severity::kError, text.error().code, {path, 0, 0}, text.error().message, "", ""});
@@ -188,8 +188,9 @@ Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOp
   auto programs = compileShaders(path, *text, options, diagnostics);
   if (!programs) return std::move(programs).error();
   const std::string stem = std::filesystem::path(path).stem().string();
-  for (ShaderProgram& p : *programs)
-    if (p.name == stem) return std::move(p);
+  for (const std::string_view wanted : {name, std::string_view(stem)})
+    for (ShaderProgram& p : *programs)
+      if (p.name == wanted) return std::move(p);
   return std::move(programs->front());
 }
 

@@ -1,5 +1,7 @@
 #include "shading/shader_library.h"
 
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
@@ -37,6 +39,35 @@ bool isStale(const ShaderProgram& p, const std::string& source) {
     if (!text || hashBytes(text->data(), text->size()) != p.fileHashes[i]) return true;
   }
   return false;
+}
+
+/// "surface name (", in code or in a comment: only a compiler could tell.
+bool definesShader(std::string_view text, std::string_view name) {
+  const auto isWord = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
+  const auto isBlank = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
+  for (size_t at = text.find(name); at != std::string_view::npos; at = text.find(name, at + 1)) {
+    size_t behind = at + name.size(), before = at;
+    while (behind < text.size() && isBlank(text[behind])) ++behind;
+    while (before > 0 && isBlank(text[before - 1])) --before;
+    if (behind >= text.size() || text[behind] != '(' || before == at) continue;
+    size_t word = before;
+    while (word > 0 && isWord(text[word - 1])) --word;
+    for (const std::string_view type :
+         {"surface", "light", "displacement", "volume", "imager", "transformation", "atmosphere", "class"})
+      if (text.substr(word, before - word) == type) return true;
+  }
+  return false;
+}
+
+/// Paths of the files of a folder with this ending, by name.
+std::vector<std::string> filesIn(const std::string& folder, std::string_view ending) {
+  std::vector<std::string> all;
+  std::error_code error;
+  for (fs::directory_iterator i(folder.empty() ? "." : folder, error), end; !error && i != end;
+       i.increment(error))
+    if (i->path().extension() == ending && isFile(i->path().string())) all.push_back(i->path().string());
+  std::sort(all.begin(), all.end());
+  return all;
 }
 
 }  // namespace
@@ -108,6 +139,7 @@ ShaderLibrary::Found ShaderLibrary::load(const std::string& name) {
       return f;
     }
   }
+  if (Found f = loadByContent(name); f || f.error().code != RiError::kNoShader) return f;
   std::string where;
   for (const std::string& folder : options_.folders) where += (where.empty() ? "" : ":") + folder;
   return makeError(RiError::kNoShader, "there is no shader '{}' (searched: {}{}the standard shaders)", name,
@@ -144,7 +176,32 @@ std::vector<std::string> ShaderLibrary::shadeopFolders(const std::string& shader
   return r;
 }
 
-ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::string& slxPath) {
+/// A source under another name that defines the shader, or a file whose name differs in case.
+ShaderLibrary::Found ShaderLibrary::loadByContent(const std::string& name) {
+  const Error nothing = makeError(RiError::kNoShader, "no '{}'", name);
+  if (name.find('/') != std::string::npos) return nothing;
+  for (const std::string& folder : options_.folders)
+    for (const std::string& path : filesIn(folder, ".sl")) {
+      const Result<std::string> text = readSourceFile(path);
+      if (text && definesShader(*text, name)) return compile(path, {}, name);
+    }
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? char(c + ('a' - 'A')) : c; };
+  std::vector<std::string> folders = options_.folders;
+  if (!options_.standardShaders.empty()) folders.push_back(options_.standardShaders);
+  for (const std::string& folder : folders)
+    for (const char* ending : {".slx", ".sl"})
+      for (const std::string& path : filesIn(folder, ending)) {
+        const fs::path stem = fs::path(path).replace_extension();
+        if (!std::ranges::equal(stem.filename().string(), name, {}, lower, lower)) continue;
+        reportWarning(RiError::kNoShader, "there is no shader '{}'; {} is used instead", name, path);
+        bool exists = false;
+        return tryFolder(stem.string(), exists);
+      }
+  return nothing;
+}
+
+ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::string& slxPath,
+                                            std::string_view name) {
   const auto start = std::chrono::steady_clock::now();
   CompileOptions options = options_.compile;
   // Headers stand beside the shader, or anywhere on the shader path.
@@ -152,7 +209,7 @@ ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::
   options.includePaths.insert(options.includePaths.begin(), fs::path(path).parent_path().string());
   options.shadeopPaths = shadeopFolders(path);
   Diagnostics diagnostics;
-  Result<ShaderProgram> p = compileShaderFile(path, options, diagnostics);
+  Result<ShaderProgram> p = compileShaderFile(path, options, diagnostics, name);
   {
     std::lock_guard lock(mutex_);
     statistics_.loaded++;
@@ -163,7 +220,7 @@ ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::
   for (const Diagnostic& d : diagnostics.all()) report(Error{d.code, d.severity, d.where, d.message});
   // The reasons have been given.
   if (!p) return makeError(p.error().code, "shader '{}' cannot be compiled", path);
-  if (options_.writeCompiled) (void)writeSlxFile(slxPath, *p).ok();
+  if (options_.writeCompiled && !slxPath.empty()) (void)writeSlxFile(slxPath, *p).ok();
   return std::make_shared<const ShaderProgram>(std::move(*p));
 }
 

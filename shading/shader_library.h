@@ -30,7 +30,9 @@ class ShaderLibrary {
   };
   explicit ShaderLibrary(Options options);
 
-  /// "name", "folder/name", "/absolute/name", each also with .sl, .slx or the extensions of other renderers
+  /// A source may also have another name than the shader that it defines, and names of files may differ in
+  /// case. "name", "folder/name", "/absolute/name", each also with .sl, .slx or the extensions of other
+  /// renderers
   /// (.slo, .slc, .sdl, .sdr), which stand for the name alone. A .slx older than its source (by content) is
   /// not used. Errors: kNoShader when there is no such shader; else what is wrong with it, after all compiler
   /// messages were reported. Failures are remembered too: one message for one broken shader.
@@ -46,7 +48,8 @@ class ShaderLibrary {
   using Found = Result<std::shared_ptr<const ShaderProgram>>;
   Found load(const std::string& name);
   Found tryFolder(const std::string& stem, bool& exists);
-  Found compile(const std::string& path, const std::string& slxPath);
+  Found compile(const std::string& path, const std::string& slxPath, std::string_view name = {});
+  Found loadByContent(const std::string& name);
   std::vector<std::string> shadeopFolders(const std::string& shader) const;
 
   Options options_;

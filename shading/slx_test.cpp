@@ -167,6 +167,27 @@ TEST(ShaderLibrary, FindsCompilesAndNoticesStaleFiles) {
   EXPECT_TRUE(library.find("mine").ok());  // the compiled file alone is enough
 }
 
+TEST(ShaderLibrary, FindsWhatAFileOfAnotherNameDefines) {
+  const std::string folder = ::testing::TempDir() + "/slc_library_names";
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  std::ofstream(folder + "/several.sl")
+      << "/* surface third */ surface first() { Ci = 1; }\n"
+         "class\nsecond (float K = 3) { public void surface(output color Ci, Oi) "
+         "{ Ci = K; } }\nfloat third (float x) { return x; }\n";
+  std::ofstream(folder + "/Mixed.sl") << "surface Mixed() { Ci = 1; }";
+  ShaderLibrary::Options options;
+  options.folders = {folder};
+  ShaderLibrary library(options);
+  auto second = library.find("second");
+  ASSERT_TRUE(second.ok()) << second.error().message;
+  EXPECT_EQ((*second)->name, "second");
+  EXPECT_EQ((*second)->type, ShaderType::kSurface);
+  EXPECT_EQ((*library.find("first"))->name, "first");
+  EXPECT_EQ((*library.find("mixed"))->name, "Mixed");
+  EXPECT_FALSE(library.find("third").ok());
+}
+
 TEST(BadInput, MutatedSourcesNeverCrash) {
   std::vector<std::string> sources{kShader};
   for (const std::string& f : standardShaders()) {
