@@ -246,7 +246,7 @@ Result<PlacedTransform> GraphicsState::findSpace(std::string_view name) const {
   if (const auto it = spaces_.find(name); it != spaces_.end()) return it->second;
   if (name == "world" && inWorld()) return PlacedTransform{identityTransform(), SpaceBase::kWorld};
   if (name == "world") return PlacedTransform{ctm_, SpaceBase::kCamera};  // where the world would begin now
-  if (name == "camera") return PlacedTransform{identityTransform(), SpaceBase::kCamera};
+  if (name == "camera" || name == "eye") return PlacedTransform{identityTransform(), SpaceBase::kCamera};
   if (name == "object" || name == "shader" || name == "current") return place();
   return makeError(RiError::kBadToken, "coordinate system \"{}\" is not known", name);
 }

@@ -61,6 +61,7 @@ struct Batch {
   float specularThreshold = 0.17453293f;  // gather() in a wider cone asks diffuse rays; radians
   bool shadowRay = false;
   bool raysAllowed = true;  // false: every ray misses, with one warning (displacement, imager)
+  bool saysMisses = true;   // false: without it
   std::string_view rayLabel;
   uint32_t attributes = kNoIndex;
   const uint16_t* object = nullptr;  // per lane: index into objects; nullptr: all objects[0]
@@ -229,6 +230,7 @@ class Machine {
   void arrayOp(Frame& f, const Step& s);
   // machine_derivative.cpp
   void derivativeOp(Frame& f, const Step& s);
+  static void fillFromNeighbours(const Frame& f, const DerivativeStencil& d, const Operand& normal);
   void filterStep(Frame& f, const Step& s);
   void difference(const Frame& f, const Operand& x, uint32_t component, bool alongV, bool perCell,
                   float* out) const;

@@ -62,6 +62,22 @@ void Machine::difference(const Frame& f, const Operand& x, uint32_t component, b
   kernels().difference(q);
 }
 
+/// Where a side of a surface has shrunk to a point (the pole of a sphere) nothing changes along it: the
+/// normal there is that of the next point that has one.
+void Machine::fillFromNeighbours(const Frame& f, const DerivativeStencil& d, const Operand& normal) {
+  const auto isZero = [&](uint32_t i) {
+    return normal.at(i, 0) == 0 && normal.at(i, 1) == 0 && normal.at(i, 2) == 0;
+  };
+  for (uint32_t i = 0; i < d.used; ++i) {
+    if (f.mask[i] == 0 || !isZero(i)) continue;
+    for (const uint16_t j : {d.vHi[i], d.vLo[i], d.uHi[i], d.uLo[i]}) {
+      if (f.mask[j] == 0 || isZero(j)) continue;
+      for (uint32_t c = 0; c < 3; ++c) normal.comp(c)[i] = normal.at(j, c);
+      break;
+    }
+  }
+}
+
 void Machine::derivativeOp(Frame& f, const Step& s) {
   const Operand* a = f.args(s);
   const uint32_t n = f.lanes();
@@ -115,6 +131,7 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
       }
       kernel(Op::cross, {third, first, second});
       from = third.data;
+      if (s.op == Op::calculatenormal && d && a[1].varying()) fillFromNeighbours(f, *d, third);
       if (s.op == Op::area) {
         kernel(Op::length, {first, third});
         from = first.data;

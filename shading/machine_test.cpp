@@ -285,6 +285,21 @@ TEST_F(MachineTest, DerivativesOnAGrid) {
   for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i, 0) / f.Ci(i, 2), -2, 1e-5);
 }
 
+// At the pole of a sphere, where v is 0, nothing changes along u.
+TEST_F(MachineTest, TheNormalOfAPoleIsThatOfItsNeighbour) {
+  constexpr uint32_t nu = 4, nv = 4;
+  f.resize(nu, nv);
+  auto s = f.shader(
+      "surface t() { point q = point(v * cos(6 * u), v * sin(6 * u), 0); Ci = "
+      "color(normalize(calculatenormal(q))); }");
+  ASSERT_TRUE(s) << f.error;
+  DerivativeStencil d;
+  gridStencil(d, nu, nv, f.lanes, 1.0f / nu, 1.0f / nv);
+  f.batch.stencil = &d;
+  f.run(*s);
+  for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(std::fabs(f.Ci(i, 2)), 1, 1e-5) << i;
+}
+
 TEST_F(MachineTest, ParametersDefaultsAndOverrides) {
   f.shaderToCurrent[3] = DVec4(5, 0, 0, 1);
   const std::string source =
@@ -313,6 +328,29 @@ TEST_F(MachineTest, ParametersDefaultsAndOverrides) {
   f.batch.overrides = o;
   f.run(*varying);
   for (uint32_t i = 0; i < f.count; ++i) EXPECT_NEAR(f.Ci(i, 0), float(i) + 4, 1e-5);
+}
+
+TEST_F(MachineTest, ValuesThatDoNotFitAParameterAreMadeToOrLeftOut) {
+  const std::string source =
+      "surface t(color c = .5; float k = 2; float a[2] = {5, 6};) { Ci = color(xcomp(vector(c)) + "
+      "ycomp(vector(c)), "
+      "k, a[1]); }";
+  const auto with = [&](const char* name, std::vector<float> floats, float r, float g, float b) {
+    ShaderValue v;
+    v.floats = std::move(floats);
+    auto s = f.shader(source, {{name, v}});
+    ASSERT_TRUE(s) << f.error;
+    f.run(*s);
+    EXPECT_NEAR(f.Ci(0, 0), r, 1e-6) << name;
+    EXPECT_NEAR(f.Ci(0, 1), g, 1e-6) << name;
+    EXPECT_NEAR(f.Ci(0, 2), b, 1e-6) << name;
+  };
+  with("c", {.25f}, .5f, 2, 6);           // one number is a grey
+  with("c", {.25f, .5f, 1}, .75f, 2, 6);  // three floats
+  with("c", {.25f, .5f}, 1, 2, 6);
+  with("k", {3, 4}, 1, 3, 6);
+  with("a", {3, 4, 5}, 1, 2, 4);
+  with("a", {3}, 1, 2, 6);
 }
 
 TEST_F(MachineTest, RandomNumbersBelongToPointsNotToBatches) {

@@ -26,6 +26,22 @@ bool fits(const Symbol& s, const ShaderValue& v) {
   const bool sameKind = s.type == v.type || (isTriple(s.type) && isTriple(v.type));
   return sameKind && v.floats.size() == s.floats();
 }
+/// Makes something of a value that does not fit, and tells what; null: nothing.
+const char* madeToFit(const Symbol& s, ShaderValue& v) {
+  const bool isString = s.type == SlType::kString;
+  if (isString != (v.type == SlType::kString)) return nullptr;
+  const size_t has = isString ? v.strings.size() : v.floats.size();
+  const size_t takes = isString ? std::max(1u, s.arrayLength) : s.floats();
+  if (has == takes) return "another type than the shader's; its numbers are used";
+  if (s.type == SlType::kColor && has == 1 && takes == 3) {
+    v.floats.resize(3, v.floats[0]);
+    return "1 number, not 3; all three are that one";
+  }
+  const bool sameKind = s.type == v.type || (isTriple(s.type) && isTriple(v.type));
+  if (!sameKind || has < takes) return nullptr;
+  isString ? v.strings.resize(takes) : v.floats.resize(takes);
+  return "more values than the shader's; the first are used";
+}
 }  // namespace
 
 std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executable> exe,
@@ -54,21 +70,24 @@ std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executabl
     const auto given =
         std::find_if(settings.rbegin(), settings.rend(), [&](const auto& s) { return s.name == name; });
     if (given != settings.rend()) {
-      if (fits(p.symbols[parameter.symbol], given->value)) {
+      ShaderValue value = given->value;
+      const bool whole = fits(p.symbols[parameter.symbol], value);
+      const char* const made = whole ? nullptr : madeToFit(p.symbols[parameter.symbol], value);
+      if (!whole)
+        reportOnce(fmt::format("shading.parameter.{}.{}", p.name, name),
+                   Error{RiError::kConsistency,
+                         Severity::kWarning,
+                         {},
+                         fmt::format(
+                             "shader \"{}\": parameter \"{}\" has {}", p.name, name,
+                             made ? made : "another type or length than the shader's; the default is used")});
+      if (whole || made) {
         const SlType type = instance->values[i].type;
-        instance->values[i] = given->value;
+        instance->values[i] = std::move(value);
         instance->values[i].type = type;
         instance->values[i].arrayLength = p.symbols[parameter.symbol].arrayLength;
         continue;
       }
-      reportOnce(
-          fmt::format("shading.parameter.{}.{}", p.name, name),
-          Error{RiError::kConsistency,
-                Severity::kWarning,
-                {},
-                fmt::format("shader \"{}\": parameter \"{}\" has another type or length than the shader's; "
-                            "the default is used",
-                            p.name, name)});
     }
     if (parameter.defaultConstant != kNoIndex) {
       instance->values[i] = constantValue(p, parameter.defaultConstant);
