@@ -30,6 +30,7 @@ constexpr Builtin kBuiltins[] = {
     {"area", "f", "ps", Op::area},
     {"areashadow", "c", "tf*", Op::areashadow, Lowering::kPlain, 0, true},
     {"areashadow", "f", "tf*", Op::areashadow, Lowering::kAverage, 0, true},
+    {"arraylength", "f", "?", Op::nop, Lowering::kArrayLength},
     {"asin", "f", "f", Op::asin},
     {"atan", "f", "f", Op::atan},
     {"atan", "f", "ff", Op::atan2},

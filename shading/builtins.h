@@ -26,6 +26,7 @@ enum class Lowering : uint8_t {
   kTexture,       // texture, environment, shadow, bump
   kPhotonMap,     // N = 0 when not given
   kOcclusionMap,  // a map in front is not read: rays are traced
+  kArrayLength,   // known when compiling
   kIsOutput,      // a variable stands for its name
   kGetVar,        // the shader that is asked: null, or a string
 };

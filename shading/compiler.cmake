@@ -1,5 +1,6 @@
 fr_library(fr_slc
-  SOURCES ir.cpp diagnostics.cpp preprocess.cpp lexer.cpp parser.cpp parser_statement.cpp parser_expression.cpp
+  SOURCES ir.cpp diagnostics.cpp preprocess.cpp lexer.cpp parser.cpp parser_class.cpp parser_statement.cpp
+  parser_expression.cpp
           builtins.cpp builder.cpp lower_scope.cpp lower_type.cpp lower_expression.cpp lower_call.cpp
           lower_inline.cpp lower_statement.cpp prelude.cpp uniformity.cpp analyze.cpp validate.cpp
           optimize_fold.cpp optimize_copies.cpp optimize_dead.cpp optimize_registers.cpp compile.cpp slx.cpp

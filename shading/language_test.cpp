@@ -70,6 +70,31 @@ surface a() { Ci = ADD(u, v); Oi = 1; })sl"},
       {"volume_min", R"sl(volume a(color fog = .5; float d = 3) { Ci = mix(fog, Ci, exp(-length(I) / d)); Oi = 1; })sl"},
       {"imager_min", R"sl(imager a(color b = 1) { Ci += (1 - alpha) * b; alpha = 1; Oi = 1; })sl"},
       {"transformation", R"sl(transformation a(float k = 1) { P += k * N; })sl"},
+      {"array_length", R"sl(float sum(float a[]) { float i, r = 0; for (i = 0; i < arraylength(a); i += 1) r += a[i]; return r; }
+         surface a(float k[4] = {1, 2, 3, 4};) { Ci = sum(k); Oi = 1; })sl"},
+      {"shadow_source", R"sl(light a(string sh = "x") { point c = point (0,0,0); illuminate (c) {
+         Cl = 1 - shadow(sh, Ps, "source", c, c + vector (1, 0, 0), c + vector (0, 1, 0), c + vector (1, 1, 0), "gapbias", .1, "samples", 16)
+            - .1 * shadow(sh, Ps, "blur", .1, "source", c, c, "samples", 4); } })sl"},
+      {"param_changed", R"sl(surface a(float Kd = .5; color c = 1; float w[2] = {1, 2};) { Kd *= noise(P); c = mix(c, Cs, Kd); w[1] = s; Ci = c * w[1]; Oi = Kd; })sl"},
+      {"output_class", R"sl(surface a(output float mask = 0; output color layer; output color set[2] = {0, 1}; output uniform float u1 = 0) {
+         mask = s; layer = color (s, t, 0); set[1] = layer * mask; u1 = 2; Ci = set[1] * u1; Oi = 1; })sl"},
+      {"shader_words", R"sl(surface a(float volume = 1) { color light = color (1, .3, .2), surface = .5; float displacement = 2, imager = 1; string class = "x";
+         float got = surface("K", imager); Ci = light * surface * volume * displacement + got; Oi = 1; })sl"},
+      {"tex_element", R"sl(surface a(string maps[2] = {"x", "y"};) { uniform float i; color c = 0; for (i = 0; i < 2; i += 1) c += color texture(maps[i], s, t) + texture(maps[i][1]);
+         Ci = c + environment(maps[1], N, "blur", .1); Oi = 1; })sl"},
+      {"class_surface", R"sl(class a(float Ka = 1; uniform color tint = color(1, .5, .2); output varying color direct = 0;) {
+         varying normal Nn = 0; constant float gain = 2; private float twice(float x) { return x * gain; }
+         public void construct() { gain = 3; }
+         public void begin() { Nn = normalize(N); }
+         public void displacement(output point P; output normal N) { P += .1 * normalize(N) * noise(P); N = calculatenormal(P); }
+         public void opacity(output color Oi) { Oi = Os; }
+         public void prelighting(output color Ci, Oi) { helper(); }
+         void helper() { direct = tint * twice(.25); }
+         public void lighting(output color c, o) { if (Ka == 0) return; c = direct * Ka * diffuse(Nn); o = 1; } })sl"},
+      {"class_light", R"sl(class a(float intensity = 1; point from = point "shader" (0, 0, 0); string __category = "";) {
+         public void light(output vector L; output color Cl;) {
+           illuminate (from) { Cl = intensity / (L . L); } } })sl"},
+      {"class_disp", R"sl(class a(float Km = .1) { public void displacement(output point P; output normal N;) { P += Km * N; } })sl"},
       {"disp_old", R"sl(displacement a(float Km = .1) { P += Km * noise(10 * s, 10 * t) * normalize(N); N = normalize(calculatenormal(P)); })sl"},
       {"disp_surfN", R"sl(surface a() { normal NN = calculatenormal(P + .1 * normalize(N) * noise(P)); N = NN; Ci = NN . NN; Oi = Os; })sl"},
       {"output_params", R"sl(surface a(output varying color c1 = 0; output float f1 = 0; output varying normal n1 = 0) { c1 = Cs; f1 = 2; n1 = N; Ci = c1; Oi = 1; })sl"},

@@ -9,12 +9,12 @@ namespace {
 bool isWordStart(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
 
+/// Types of shaders are none: they begin a shader, and are names like others inside (color light = 1).
 bool isKeyword(std::string_view w) {
   static const std::set<std::string_view> kWords{
-      "float",          "point",       "vector",     "normal",  "color", "string", "matrix",       "void",
-      "uniform",        "varying",     "output",     "extern",  "if",    "else",   "while",        "for",
-      "return",         "break",       "continue",   "surface", "light", "volume", "displacement", "imager",
-      "transformation", "illuminance", "illuminate", "solar",   "gather"};
+      "float",   "point",   "vector",   "normal",      "color",      "string", "matrix", "void",
+      "uniform", "varying", "output",   "extern",      "if",         "else",   "while",  "for",
+      "return",  "break",   "continue", "illuminance", "illuminate", "solar",  "gather"};
   return kWords.count(w) != 0;
 }
 

@@ -128,6 +128,7 @@ class Lower {
   SlType computeType(const Expr& e, Want want);
   SlType combine(const Expr& e, SlType a, SlType b);
   std::pair<SlType, SlType> operandTypes(const Expr& e, Want want);
+  void channelOrElement(const Expr& call);
   Call resolve(const Expr& e, Want want);
   int conversionCost(SlType from, SlType to) const;
   int builtinCost(const Builtin& b, const Expr& e, Want want, SlType& result);
@@ -183,6 +184,7 @@ class Lower {
   static bool hasEarlyReturn(const Stmt& s, bool tail);
   static int returnCount(const Stmt& s);
   const std::set<std::string>& assignedNames(const ast::Function& f);
+  static std::set<std::string> assignmentTargets(const ast::Function& f);
 
   // lower_statement.cpp
   void statement(const Stmt& s, bool tail);
@@ -196,6 +198,7 @@ class Lower {
   void gather(const Stmt& s);
   Value kept(Value v);
   void scoped(const Stmt& s, bool tail);
+  void changedParameters(const ast::Function& f);
   void parameters(const ast::Function& f);
   bool arrayLength(const ast::Variable& v, uint32_t& length);
   bool constantNumber(const Expr& e, double& v);

@@ -140,18 +140,30 @@ void Lower::storeOutputs(const Outputs& outputs) {
 
 /// The optional "name", value pairs of a call from argument `first` on.
 bool Lower::pairs(const Expr& e, size_t first, Op op, std::vector<uint32_t>& operands, Outputs& outputs) {
-  if ((e.args.size() - first) % 2) {
-    error(e.place, fmt::format("the optional parameters of '{}' come in pairs: \"name\", value", e.text));
-    return false;
-  }
   const bool loop = (opInfo(op).flags & kOpControl) != 0;
-  for (size_t i = first; i + 1 < e.args.size(); i += 2) {
+  for (size_t i = first; i < e.args.size(); i += 2) {
     const Expr& nameExpr = *e.args[i];
-    const Expr& valueExpr = *e.args[i + 1];
     Value name = converted(nameExpr, SlType::kString);
     if (!name.ok()) return false;
     const std::string_view text =
         b_.isConstant(name.symbol) ? b_.program.strings[b_.symbol(name.symbol).data] : std::string_view();
+    if (text == "source" && (op == Op::shadow_f || op == Op::shadow_t)) {
+      // The corners of a light follow, up to four: each becomes a pair.
+      for (int corner = 0; corner < 4 && i + 1 < e.args.size() && typeOf(*e.args[i + 1]) != SlType::kString;
+           ++corner, ++i) {
+        const Value v = converted(*e.args[i + 1], SlType::kPoint);
+        if (!v.ok()) return false;
+        operands.push_back(b_.constantString(fmt::format("source{}", corner)));
+        operands.push_back(v.symbol);
+      }
+      --i;
+      continue;
+    }
+    if (i + 1 == e.args.size()) {
+      error(e.place, fmt::format("the optional parameters of '{}' come in pairs: \"name\", value", e.text));
+      return false;
+    }
+    const Expr& valueExpr = *e.args[i + 1];
     uint32_t operand;
     if (!text.empty() && isOutputPair(op, text)) {
       operand = variableOperand(valueExpr, outputs);
@@ -305,6 +317,16 @@ Value Lower::specialCall(const Builtin& b, const Expr& e, SlType result) {
       if (!name.ok()) return {};
       at(e.place);
       return {b_.result(b.op, result, {name.symbol}), result};
+    }
+    case Lowering::kArrayLength: {
+      const Expr& array = *e.args[0];
+      if (array.kind != ExprKind::kName || !isArrayName(array, nullptr)) {
+        error(array.place, "an array is needed here");
+        return {};
+      }
+      const Binding* variable = find(array.text, array.place);
+      if (!variable) return {};
+      return {b_.constantFloat(float(b_.symbol(variable->symbol).arrayLength)), result};
     }
     case Lowering::kGetVar: {
       // getvar(null, "name", v): the shader is this one, and there are no others to be named.

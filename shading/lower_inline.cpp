@@ -10,29 +10,35 @@ namespace {
 
 constexpr size_t kMaxInlineDepth = 64;
 
-void collectAssigned(const ast::Expr* e, std::set<std::string>& names) {
+void collectAssigned(const ast::Expr* e, bool byCalls, std::set<std::string>& names) {
   if (!e) return;
   if (e->kind == ExprKind::kAssign) names.insert(e->args[0]->text);
   // A variable that stands alone as an argument may be an output of the call.
-  if (e->kind == ExprKind::kCall)
+  if (byCalls && e->kind == ExprKind::kCall)
     for (const ast::Expr* a : e->args)
       if (a->kind == ExprKind::kName) names.insert(a->text);
-  for (const ast::Expr* a : e->args) collectAssigned(a, names);
+  for (const ast::Expr* a : e->args) collectAssigned(a, byCalls, names);
 }
 
-void collectAssigned(const ast::Stmt* s, std::set<std::string>& names) {
-  for (const ast::Expr* e : s->exprs) collectAssigned(e, names);
-  for (const ast::Variable& v : s->variables) collectAssigned(v.init, names);
-  for (const ast::Stmt* b : s->body) collectAssigned(b, names);
-  if (s->function && s->function->body) collectAssigned(s->function->body, names);
+void collectAssigned(const ast::Stmt* s, bool byCalls, std::set<std::string>& names) {
+  for (const ast::Expr* e : s->exprs) collectAssigned(e, byCalls, names);
+  for (const ast::Variable& v : s->variables) collectAssigned(v.init, byCalls, names);
+  for (const ast::Stmt* b : s->body) collectAssigned(b, byCalls, names);
+  if (s->function && s->function->body) collectAssigned(s->function->body, byCalls, names);
 }
 
 }  // namespace
 
 const std::set<std::string>& Lower::assignedNames(const ast::Function& f) {
   auto [it, fresh] = assigned_.try_emplace(&f);
-  if (fresh && f.body) collectAssigned(f.body, it->second);
+  if (fresh && f.body) collectAssigned(f.body, true, it->second);
   return it->second;
+}
+
+std::set<std::string> Lower::assignmentTargets(const ast::Function& f) {
+  std::set<std::string> names;
+  if (f.body) collectAssigned(f.body, false, names);
+  return names;
 }
 
 /// True when a return stands where code of the same function may follow.

@@ -572,7 +572,8 @@ void Lower::parameters(const ast::Function& f) {
     Symbol& symbol = b_.program.symbols[p.symbol];
     symbol.storage = v.output ? Storage::kOutputParameter : Storage::kParameter;
     symbol.cls = v.cls;
-    symbol.declaredClass = 1;
+    // An output without a class has the class of what is put out.
+    symbol.declaredClass = v.output && !v.classGiven ? 0 : 1;
     p.codeBegin = uint32_t(b_.program.code.size());
     at(v.place);
     if (v.init) {
@@ -606,6 +607,25 @@ void Lower::parameters(const ast::Function& f) {
   }
 }
 
+/// Parameters that the shader assigns to are variables that begin as the parameters. Not all compilers took
+/// that.
+void Lower::changedParameters(const ast::Function& f) {
+  const std::set<std::string> assigned = assignmentTargets(f);
+  for (const ast::Variable& v : f.formals) {
+    if (v.output || assigned.count(v.name) == 0 || (v.isArray && v.type == SlType::kString)) continue;
+    Binding* parameter = find(v.name, v.place);
+    if (!parameter || !parameter->readOnly) continue;
+    warn(v.place, fmt::format("parameter '{}' is changed by the shader, but not declared 'output'", v.name),
+         "", Lint::kCommon);
+    Binding b = *parameter;
+    at(v.place);
+    b.symbol = b_.local(v.name, v.type, b_.symbol(read(*parameter)).arrayLength);
+    b_.assign(b.symbol, parameter->symbol);
+    b.readOnly = nullptr, b.isRead = true;
+    scope_->variables[v.name] = b;
+  }
+}
+
 bool Lower::shader(const ast::Shader& shader) {
   const ast::Function& f = *shader.function;
   const size_t errors = in_.diagnostics->errorCount();
@@ -624,6 +644,7 @@ bool Lower::shader(const ast::Shader& shader) {
   frames_.pop_back();
   b_.program.bodyBegin = uint32_t(b_.program.code.size());
   if (f.body) {
+    changedParameters(f);
     at(f.place);
     if (frame.early) b_.emit(Op::inline_begin, {});
     functionBody(f, frame);

@@ -233,7 +233,19 @@ int Lower::userCost(const ast::Function& f, const Expr& e, Want want) {
   return cost;
 }
 
+/// texture(maps[1], ...) is channel 1 of a file, unless `maps` is an array: only now is that known.
+void Lower::channelOrElement(const Expr& call) {
+  if (!call.channel || !isArrayName(*call.args[0], nullptr)) return;
+  auto& changed = const_cast<Expr&>(call);
+  Expr& name = *changed.args[0];
+  name.kind = ExprKind::kIndex;
+  name.args = {changed.args[1]};
+  changed.args.erase(changed.args.begin() + 1);
+  changed.channel = false;
+}
+
 Call Lower::resolve(const Expr& e, Want want) {
+  channelOrElement(e);
   for (const auto& [key, call] : calls_[&e])
     if (key == wantKey(want)) return call;
   Call best;

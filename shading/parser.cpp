@@ -316,6 +316,12 @@ void Parser::file() {
       break;
     }
     if (known) continue;
+    if (peek().kind == TokenKind::kIdentifier && peek().text == "class" &&
+        peek(1).kind == TokenKind::kIdentifier) {
+      take();
+      classRest();
+      continue;
+    }
     SlType type = SlType::kFloat;
     Variable ignored;
     specifiers(ignored);
@@ -330,8 +336,8 @@ void Parser::file() {
       NearestWord near(peek().text);
       for (const auto& [word, t] : kShaderWords) near.offer(word);
       hint = near.hint();
-      if (peek().text == "class" || peek().text == "struct")
-        hint = "classes and structures of later versions of the language are not supported";
+      if (peek().text == "struct")
+        hint = "structures of later versions of the language are not supported";
     } else if (typed) {
       hint = "variables outside of functions and shaders are not part of the language";
     }

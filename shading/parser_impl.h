@@ -46,6 +46,11 @@ class Parser {
   ast::Function* functionRest(SlType result);
   bool looksLikeFunction() const;
 
+  void classRest();
+  void member(ast::Stmt* body);
+  void method(ast::Stmt* body, SlType result);
+  bool callMethod(ast::Stmt* body, std::string_view method);
+
   ast::Stmt* block();
   ast::Stmt* statement();
   ast::Stmt* ifStatement();

@@ -130,7 +130,7 @@ thread_local RunState* tRun = nullptr;
 struct LimitReached : std::exception {};
 
 /// `# 12 "file" flags`, which compilers' own preprocessors leave, is `#line 12 "file"`; `#ident "version"` is
-/// nothing.
+/// nothing. Folders of #include are separated by '/', whatever the system on which they were written.
 std::string withLineDirectives(const std::string& t) {
   std::string r;
   r.reserve(t.size());
@@ -143,6 +143,10 @@ std::string withLineDirectives(const std::string& t) {
       const size_t quote = line.rfind('"');
       r += "#line ";
       r += quote == std::string_view::npos ? line : line.substr(0, quote + 1);
+    } else if (number < end && t.compare(number, 7, "include") == 0) {
+      std::string line = t.substr(i, end - i);
+      std::replace(line.begin(), line.end(), '\\', '/');
+      r += line;
     } else if (number >= end ||
                !(t.compare(number, 6, "ident ") == 0 || t.compare(number, 5, "sccs ") == 0)) {
       r.append(t, i, end - i);

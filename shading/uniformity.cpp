@@ -41,7 +41,8 @@ class Uniformity {
   void makeVarying(uint32_t arg) {
     Symbol& s = p_.symbols[arg & kArgIndex];
     if (s.declaredClass || s.cls == SlClass::kVarying) return;
-    if (s.storage != Storage::kLocal && s.storage != Storage::kTemp) return;
+    if (s.storage != Storage::kLocal && s.storage != Storage::kTemp && s.storage != Storage::kOutputParameter)
+      return;
     s.cls = SlClass::kVarying;
     changed_ = true;
   }
