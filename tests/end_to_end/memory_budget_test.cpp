@@ -11,6 +11,7 @@
 #include <fstream>
 #include <thread>
 
+#include "tests/end_to_end/memory_group.h"
 #include "tests/end_to_end/program.h"
 
 namespace fr::test {
@@ -107,6 +108,24 @@ TEST_F(MemoryBudget, TheSamePictureInsideTheBudget) {
   EXPECT_EQ(o.out.find("0.0 MiB let go"), std::string::npos) << "the scene fits: this tests nothing\n"
                                                              << o.out;
   EXPECT_TRUE(std::filesystem::is_empty(w_.path() / "scratch"));
+}
+
+/// The kernel counts, pages of files included, and kills who takes more: a leak past the budget ends the job.
+TEST_F(MemoryBudget, UnderAHardLimit) {
+  uint64_t free = 0;
+  ASSERT_EQ(render("frankenrender", {"--shm"}, &free).exitCode, 0);
+  const Picture whole = readExr(w_.path() / "out.exr");
+  const uint64_t budget = std::max<uint64_t>(free * 2 / 3 >> 20, 64) << 20;
+  ASSERT_GT(free, budget + budget / 4) << "the scene fits: this tests nothing";
+  const auto group = MemoryGroup::make(budget + budget / 4);
+  if (!group) GTEST_SKIP() << "no memory control group can be made here";
+  bool inside = false;
+  const Outcome o =
+      run("frankenrender", {"--shm", "--scratch", "scratch", "--memory", std::to_string(budget), "scene.rib"},
+          w_.path(), [&](int pid) { inside = group->add(pid); });
+  if (!inside) GTEST_SKIP() << "no process can be put into a control group here";
+  EXPECT_EQ(o.exitCode, 0) << o.err;
+  EXPECT_TRUE(readExr(w_.path() / "out.exr") == whole);
 }
 
 TEST_F(MemoryBudget, RaysAloneInsideTheBudget) {
