@@ -91,6 +91,7 @@ surface a() { Ci = ADD(u, v); Oi = 1; })sl"},
          public void prelighting(output color Ci, Oi) { helper(); }
          void helper() { direct = tint * twice(.25); }
          public void lighting(output color c, o) { if (Ka == 0) return; c = direct * Ka * diffuse(Nn); o = 1; } })sl"},
+      {"class_calls", R"sl(class a() { void lighting(output color Ci, Oi) { surface(Ci, Oi); } void surface(output color Ci, Oi) { Ci = 1; Oi = 1; } })sl"},
       {"class_light", R"sl(class a(float intensity = 1; point from = point "shader" (0, 0, 0); string __category = "";) {
          public void light(output vector L; output color Cl;) {
            illuminate (from) { Cl = intensity / (L . L); } } })sl"},

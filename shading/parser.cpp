@@ -336,8 +336,7 @@ void Parser::file() {
       NearestWord near(peek().text);
       for (const auto& [word, t] : kShaderWords) near.offer(word);
       hint = near.hint();
-      if (peek().text == "struct")
-        hint = "structures of later versions of the language are not supported";
+      if (peek().text == "struct") hint = "structures of later versions of the language are not supported";
     } else if (typed) {
       hint = "variables outside of functions and shaders are not part of the language";
     }

@@ -40,9 +40,13 @@ void Parser::method(Stmt* body, SlType result) {
   Stmt* s = makeStmt(StmtKind::kFunction, peek().place);
   s->function = functionRest(result);
   if (!s->function) return;
-  Function& f = *s->function;
   body->body.push_back(s);
   if (known == all.end()) return;
+  // Other methods may still call it by its own name.
+  Function& f = file_.functionNodes.emplace_back(*s->function);
+  Stmt* inBody = makeStmt(StmtKind::kFunction, s->place);
+  inBody->function = &f;
+  body->body.push_back(inBody);
   f.name = nameInBody(f.name);
   if (std::ranges::equal(f.formals, known->variables, {}, &Variable::name)) f.formals.clear();
 }

@@ -41,22 +41,33 @@ bool isStale(const ShaderProgram& p, const std::string& source) {
   return false;
 }
 
-/// "surface name (", in code or in a comment: only a compiler could tell.
-bool definesShader(std::string_view text, std::string_view name) {
+/// What stands in "surface name (": in code or in a comment, only a compiler could tell.
+std::vector<std::string> definedShaders(std::string_view text) {
   const auto isWord = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
   const auto isBlank = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
-  for (size_t at = text.find(name); at != std::string_view::npos; at = text.find(name, at + 1)) {
-    size_t behind = at + name.size(), before = at;
-    while (behind < text.size() && isBlank(text[behind])) ++behind;
+  std::vector<std::string> names;
+  for (size_t open = text.find('('); open != std::string_view::npos; open = text.find('(', open + 1)) {
+    size_t end = open;
+    while (end > 0 && isBlank(text[end - 1])) --end;
+    size_t name = end;
+    while (name > 0 && isWord(text[name - 1])) --name;
+    size_t before = name;
     while (before > 0 && isBlank(text[before - 1])) --before;
-    if (behind >= text.size() || text[behind] != '(' || before == at) continue;
+    if (name == end || before == name) continue;
     size_t word = before;
     while (word > 0 && isWord(text[word - 1])) --word;
     for (const std::string_view type :
          {"surface", "light", "displacement", "volume", "imager", "transformation", "atmosphere", "class"})
-      if (text.substr(word, before - word) == type) return true;
+      if (text.substr(word, before - word) == type) names.emplace_back(text.substr(name, end - name));
   }
-  return false;
+  return names;
+}
+
+std::string inLowerCase(std::string_view name) {
+  std::string r(name);
+  for (char& c : r)
+    if (c >= 'A' && c <= 'Z') c = char(c + ('a' - 'A'));
+  return r;
 }
 
 /// Paths of the files of a folder with this ending, by name.
@@ -176,28 +187,32 @@ std::vector<std::string> ShaderLibrary::shadeopFolders(const std::string& shader
   return r;
 }
 
-/// A source under another name that defines the shader, or a file whose name differs in case.
-ShaderLibrary::Found ShaderLibrary::loadByContent(const std::string& name) {
-  const Error nothing = makeError(RiError::kNoShader, "no '{}'", name);
-  if (name.find('/') != std::string::npos) return nothing;
-  for (const std::string& folder : options_.folders)
-    for (const std::string& path : filesIn(folder, ".sl")) {
-      const Result<std::string> text = readSourceFile(path);
-      if (text && definesShader(*text, name)) return compile(path, {}, name);
-    }
-  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? char(c + ('a' - 'A')) : c; };
+/// Reads the folders once: scenes ask for many shaders that are not there.
+void ShaderLibrary::readFolders() {
   std::vector<std::string> folders = options_.folders;
   if (!options_.standardShaders.empty()) folders.push_back(options_.standardShaders);
   for (const std::string& folder : folders)
     for (const char* ending : {".slx", ".sl"})
       for (const std::string& path : filesIn(folder, ending)) {
         const fs::path stem = fs::path(path).replace_extension();
-        if (!std::ranges::equal(stem.filename().string(), name, {}, lower, lower)) continue;
-        reportWarning(RiError::kNoShader, "there is no shader '{}'; {} is used instead", name, path);
-        bool exists = false;
-        return tryFolder(stem.string(), exists);
+        stems_.emplace(inLowerCase(stem.filename().string()), stem.string());
+        if (folder == options_.standardShaders || std::string_view(ending) != ".sl") continue;
+        if (const Result<std::string> text = readSourceFile(path))
+          for (std::string& name : definedShaders(*text)) sources_.emplace(std::move(name), path);
       }
-  return nothing;
+}
+
+/// A source under another name that defines the shader, or a file whose name differs in case.
+ShaderLibrary::Found ShaderLibrary::loadByContent(const std::string& name) {
+  std::call_once(foldersRead_, [this] { readFolders(); });
+  if (const auto source = sources_.find(name); source != sources_.end())
+    return compile(source->second, {}, name);
+  if (const auto stem = stems_.find(inLowerCase(name)); stem != stems_.end()) {
+    reportWarning(RiError::kNoShader, "there is no shader '{}'; {} is used instead", name, stem->second);
+    bool exists = false;
+    return tryFolder(stem->second, exists);
+  }
+  return makeError(RiError::kNoShader, "no '{}'", name);
 }
 
 ShaderLibrary::Found ShaderLibrary::compile(const std::string& path, const std::string& slxPath,

@@ -50,12 +50,16 @@ class ShaderLibrary {
   Found tryFolder(const std::string& stem, bool& exists);
   Found compile(const std::string& path, const std::string& slxPath, std::string_view name = {});
   Found loadByContent(const std::string& name);
+  void readFolders();
   std::vector<std::string> shadeopFolders(const std::string& shader) const;
 
   Options options_;
   mutable std::mutex mutex_;
   std::map<std::string, std::shared_future<std::shared_ptr<const Found>>> cache_;
   Statistics statistics_;
+  std::once_flag foldersRead_;
+  std::map<std::string, std::string> sources_;  // by the shader that they define
+  std::map<std::string, std::string> stems_;    // paths without their endings, by their names in lower case
 };
 
 }  // namespace fr
