@@ -367,6 +367,22 @@ TEST(Reader, AStringThatEndsInABackslashIsSaidAtItsStart) {
   EXPECT_EQ(p->reports.errors[0].where.column, 32);
 }
 
+TEST(Reader, LightsWithoutAHandle) {
+  StateRenderer state;
+  ReportCapture reports;
+  Reader r(state);
+  ASSERT_TRUE(
+      r.readBuffer("WorldBegin LightSource \"distantlight\"\nLightSource \"pointlight\" \"intensity\" 5 "
+                   "\"from\" [1 2 3]\nLightSource \"spotlight\" \"key\" \"intensity\" [7]\n")
+          .ok());
+  const auto& lights = state.state().lights();
+  ASSERT_EQ(lights.size(), 3u);
+  EXPECT_EQ(lights[1].shader->params.getFloat("intensity", 0), 5);
+  EXPECT_TRUE(lights[1].shader->params.has("from"));
+  EXPECT_EQ(lights[2].handle.name, "key");
+  EXPECT_EQ(reports.count(RiError::kMissingData), 2) << reports.str();
+}
+
 TEST(Reader, CommasAreBlanksAndSaidOnce) {
   const auto p = parse("Translate 1, 2,3\nColor [1,0,0]\nSides 1\n");
   EXPECT_EQ(p->rib, "Translate 1 2 3\nColor [1 0 0]\nSides 1\n");

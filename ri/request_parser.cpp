@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 #include "ri/condition.h"
 #include "ri/rib_text.h"
@@ -423,11 +424,12 @@ bool RequestParser::undeclaredValue(Param& p) {
   return true;
 }
 
-ParamList RequestParser::params(std::string_view context, bool primitive) {
+ParamList RequestParser::params(std::string_view context, bool primitive, std::string first) {
   ParamList list;
-  while (ok() && atString()) {
-    const std::string token = lexer_.text();
-    next();
+  while (ok() && (!first.empty() || atString())) {
+    const bool given = !first.empty();
+    const std::string token = given ? std::exchange(first, {}) : lexer_.text();
+    if (!given) next();
     Param p;
     Result<ParsedToken> parsed = parseToken(token);
     if (!parsed) {

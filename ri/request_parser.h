@@ -56,7 +56,8 @@ class RequestParser : public Locator {
   /// by checkPrimitive; elsewhere every parameter is one value. A name that nobody declared takes its type
   /// from its value where the reader of the parameter may know better: shader parameters and "user" values
   /// become floats or strings, as many as there are.
-  ParamList params(std::string_view context = {}, bool primitive = false);
+  /// `first`: a name that has been read already.
+  ParamList params(std::string_view context = {}, bool primitive = false, std::string first = {});
 
   /// Result of a handler that must stop the whole reading (archive depth, abort).
   void stop(Error e);

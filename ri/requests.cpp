@@ -1,6 +1,7 @@
 // The signature of every request: which arguments its RIB form has, and the call they become.
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <charconv>
 #include <cmath>
 #include <unordered_map>
@@ -28,18 +29,34 @@ void shaderRequest(P& p) {
   if (p.ok()) p.renderer().shader(K, std::move(name), std::move(params));
 }
 
+/// A light without a handle gets one that nobody can name. `parameter`: what was read for the handle, but is
+/// the name of the first parameter, since a number follows.
+Handle lightHandle(P& p, std::string& parameter) {
+  Handle h;
+  const bool text = p.atString();
+  if (p.ok() && (text || p.atNumber())) {
+    h = p.handle();
+    if (!text || !(p.atNumber() || p.atArray())) return h;
+    parameter = std::move(h.name);
+  }
+  if (!p.ok()) return h;
+  p.warn(RiError::kMissingData, "there is no handle; the light cannot be switched");
+  static std::atomic<int> unnamed{0};
+  return {fmt::format("light without a handle {}", ++unnamed), false};
+}
+
 void lightSource(P& p) {
-  std::string name = p.string();
-  Handle h = p.handle();
-  ParamList params = p.params("LightSource");
+  std::string name = p.string(), parameter;
+  Handle h = lightHandle(p, parameter);
+  ParamList params = p.params("LightSource", false, std::move(parameter));
   if (p.ok()) p.renderer().lightSource(std::move(name), std::move(h), std::move(params));
 }
 
 void areaLightSource(P& p) {
-  std::string name = p.string();
+  std::string name = p.string(), parameter;
   Handle h;
-  if (!name.empty() || p.atNumber() || p.atString()) h = p.handle();
-  ParamList params = p.params("AreaLightSource");
+  if (!name.empty() || p.atNumber() || p.atString()) h = lightHandle(p, parameter);
+  ParamList params = p.params("AreaLightSource", false, std::move(parameter));
   if (p.ok()) p.renderer().areaLightSource(std::move(name), std::move(h), std::move(params));
 }
 
