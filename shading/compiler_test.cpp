@@ -131,6 +131,9 @@ TEST(CompilerMessages, HabitsOfOtherLanguages) {
   EXPECT_EQ(messages(body("  Ci = K - -K - - 1;")), "");
   EXPECT_EQ(messages(body("  Ci = (color) noise(P);")),
             "2:9 a cast is written without parentheses (write color x)\n");
+  EXPECT_EQ(messages("plugin \"x\";\nsurface a() { Ci = y; }"),
+            "1:1 plugin \"x\" is not loaded: functions of later versions' plugins are not known\n"
+            "2:20 unknown variable 'y'\n");
   EXPECT_EQ(messages("struct s { float x; }\nsurface a() { Ci = 1; }"),
             "1:1 expected a shader or a function, found 'struct' (structures of later versions of the "
             "language are not supported)\n");

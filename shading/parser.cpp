@@ -322,6 +322,16 @@ void Parser::file() {
       classRest();
       continue;
     }
+    if (peek().kind == TokenKind::kIdentifier && peek().text == "plugin" &&
+        peek(1).kind == TokenKind::kString) {
+      diagnostics_.add(
+          {Severity::kWarning, RiError::kUnimplemented, source_.location(peek().place),
+           fmt::format("plugin \"{}\" is not loaded: functions of later versions' plugins are not known",
+                       peek(1).text),
+           "", source_.line(peek().place)});
+      take(), take();
+      continue;
+    }
     SlType type = SlType::kFloat;
     Variable ignored;
     specifiers(ignored);
