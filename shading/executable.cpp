@@ -19,8 +19,10 @@ Executable::Executable(std::shared_ptr<const ShaderProgram> program,
   places_.resize(program_->symbols.size());
   globals_.fill(kNoIndex);
   inferClasses(varyingParameters);
-  placeSymbols();
+  const Liveness liveness(*program_, varyingControl_);
+  placeSymbols(liveness);
   prepareSteps();
+  findUnread(liveness);
   plainLight_ = fr::plainLight(*this);
 }
 
@@ -126,9 +128,8 @@ bool Executable::followControl(std::vector<char>& leaves, bool inferring) {
   return changed;
 }
 
-void Executable::placeSymbols() {
+void Executable::placeSymbols(const Liveness& liveness) {
   const ShaderProgram& p = *program_;
-  const Liveness liveness(p, varyingControl_);
   liveAtEntry_.resize(p.symbols.size());
   for (uint32_t i = 0; i < p.symbols.size(); ++i) {
     const Symbol& s = p.symbols[i];
@@ -229,6 +230,22 @@ void Executable::prepareSteps() {
     if (flags & (kOpRandom | kOpRay | kOpTexture)) s.counter = counters_++;
     if (opensBlock(in.op)) depth_ = std::max(depth_, ++depth);
     if (closesBlock(in.op) && depth > 0) --depth;
+  }
+}
+
+/// Results of ray operations that need not be copied from the block to registers.
+void Executable::findUnread(const Liveness& liveness) {
+  const ShaderProgram& p = *program_;
+  std::vector<uint32_t> calls, behind;
+  for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i)
+    if (opInfo(p.code[i].op).flags & kOpRay) calls.push_back(i), behind.push_back(i + 1);
+  if (calls.empty()) return;
+  const std::vector<Liveness::Bits> live = liveness.before(behind);
+  for (size_t k = 0; k < calls.size(); ++k) {
+    const auto operands = p.operands(p.code[calls[k]]);
+    for (uint32_t o = 0; o < std::min<size_t>(operands.size(), 32); ++o)
+      if ((operands[o] & kArgWritten) && !Liveness::has(live[k], operands[o] & kArgIndex))
+        steps_[calls[k]].unread |= 1u << o;
   }
 }
 

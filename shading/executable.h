@@ -18,6 +18,8 @@
 
 namespace fr {
 
+class Liveness;
+
 /// An instruction as the machine's loop reads it.
 struct Step {
   Kernel kernel = nullptr;  // nullptr: the machine's own code
@@ -27,6 +29,7 @@ struct Step {
   uint16_t argCount = 0;
   const Shadeop* shadeop = nullptr;
   uint32_t counter = kNoIndex;  // column of per-point invocation counts (random numbers, rays)
+  uint32_t unread = 0;          // rays: bit k: nobody reads what operand k is given
   bool varying = false;         // some result is varying: runs over the whole batch
   bool masked = false;
   bool control = false;  // looked at even when no point is active
@@ -100,8 +103,9 @@ class Executable {
                            bool& final) const;
   void inferClasses(const std::vector<std::string>& varyingParameters);
   bool followControl(std::vector<char>& leaves, bool inferring);
-  void placeSymbols();
+  void placeSymbols(const Liveness& liveness);
   void prepareSteps();
+  void findUnread(const Liveness& liveness);
   void bindShadeop(Step& s, const Instruction& in);
 
   std::shared_ptr<const ShaderProgram> program_;

@@ -17,6 +17,10 @@ bool isAssign(Op op) {
 bool isLightLoop(Op op) {
   return op == Op::illuminance_begin || op == Op::illuminance_cone_begin || op == Op::ambient_begin;
 }
+/// Nobody ever goes back to the beginning from there.
+bool endsBlock(Op op) {
+  return op == Op::if_end || op == Op::inline_end || op == Op::illuminate_end || op == Op::solar_end;
+}
 }  // namespace
 
 bool setByLightLoop(const ShaderProgram& p, GlobalId id) {
@@ -82,12 +86,13 @@ void Liveness::addSuccessors(uint32_t i, Bits& live) const {
     return from(i + 1);
   }
   from(i + 1);
+  if (endsBlock(in.op) || in.jump == kNoIndex) return;
   // Wherever the machine may go on: at the partner, or behind it. The other way round from the end of a loop.
-  const uint32_t jump = in.jump;
-  if (jump == kNoIndex) return;
-  from(jump);
-  from(jump + 1);
-  if (program_.code[jump].jump != kNoIndex) from(program_.code[jump].jump + 1);
+  from(in.jump);
+  if (in.op == Op::if_else) return;
+  from(in.jump + 1);
+  if (in.op == Op::inline_return) return;
+  if (program_.code[in.jump].jump != kNoIndex) from(program_.code[in.jump].jump + 1);
 }
 
 void Liveness::stepBack(uint32_t i, Bits& live) const {

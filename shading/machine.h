@@ -196,7 +196,7 @@ class Machine {
   void wantExtras(Frame& f, const Step& s, RayTerms& t);
   // machine_environment.cpp
   bool lookUpEnvironment(const Frame& f, std::string_view map, std::string_view spaceName);
-  void answerEnvironment(const Frame& f, std::string_view map, std::string_view spaceName,
+  void answerEnvironment(const Frame& f, const Question& q, std::string_view map, std::string_view spaceName,
                          const Operand& out);
   // machine_ray.cpp
   uint32_t mostSamples(const Frame& f, const Question& q) const;
@@ -297,6 +297,7 @@ class Machine {
   /// Points of a ray call: those that have not asked yet, those of the present block; of a gather also who
   /// hit.
   struct Groups {
+    const int32_t* whole = nullptr;  // all of these have yet to ask, in one block
     std::vector<int32_t> left, now, hits, missed;
     std::vector<uint32_t> points, first, many;  // who asks, the place of its first ray, and how many it asks
   } groups_;

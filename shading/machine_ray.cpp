@@ -45,9 +45,17 @@ uint32_t Machine::mostSamples(const Frame& f, const Question& q) const {
   return most;
 }
 
-/// The points of `mask` that want this sample have yet to ask.
+/// The points of `mask`, which does not change before they are answered, that want this sample have yet to
+/// ask.
 void Machine::beginGroups(const int32_t* mask, const Question& q) {
   const uint32_t n = batch_.lanes;
+  groups_.whole = nullptr;
+  if (!q.maxDistance.varies() && !q.bias.varies() && !q.cone.varies() && !q.base.varies() &&
+      !q.samples.varies()) {
+    groups_.whole = mask;
+    groups_.left.clear();
+    return;
+  }
   groups_.left.assign(mask, mask + n);
   if (q.sample == 0) return;
   for (uint32_t i = 0; i < n; ++i)
@@ -57,9 +65,10 @@ void Machine::beginGroups(const int32_t* mask, const Question& q) {
 /// Takes out points whose rays can share a block, and says so in the question. False: nobody is left.
 bool Machine::nextGroup(Question& q) {
   std::vector<int32_t>&left = groups_.left, &now = groups_.now;
-  const uint32_t n = batch_.lanes;
+  const int32_t* const whole = groups_.whole;
+  const auto n = whole ? batch_.lanes : uint32_t(left.size());
   uint32_t first = 0;
-  while (first < n && !left[first]) ++first;
+  while (first < n && !(whole ? whole[first] : left[first])) ++first;
   if (first == n) return false;
   const auto bitsOf = [](float x) {
     uint32_t b;
@@ -70,7 +79,9 @@ bool Machine::nextGroup(Question& q) {
     return std::tuple(bitsOf(q.maxDistance.at(i)), bitsOf(q.bias.at(i)), q.coneAt(i) > q.diffuseBeyond);
   };
   const auto common = key(first);
-  if (q.maxDistance.varies() || q.bias.varies() || q.cone.varies()) {
+  if (whole) {
+    groups_.whole = nullptr;
+  } else if (q.maxDistance.varies() || q.bias.varies() || q.cone.varies()) {
     now.assign(n, 0);
     for (uint32_t i = first; i < n; ++i)
       if (left[i] && key(i) == common) now[i] = left[i], left[i] = 0;
@@ -85,7 +96,7 @@ bool Machine::nextGroup(Question& q) {
   if (bias >= 0.0f) t.bias = bias, t.flags |= RayTerms::kHasBias;
   if (q.diffuseBeyond < std::numeric_limits<float>::infinity())
     t.rayClass = q.coneAt(first) > q.diffuseBeyond ? RayClass::kDiffuse : RayClass::kSpecular;
-  q.mask = now.data();
+  q.mask = whole ? whole : now.data();
   return true;
 }
 
@@ -155,10 +166,17 @@ void Machine::listAsking(const Question& q) {
   r.single = !q.from.varying() && !q.direction.varying() && !q.cone.varies() && q.coneAt(0) == 0.0f &&
              !q.base.varies() && q.baseAt(0) == 0.0f && !q.maxDistance.varies() && !q.bias.varies() &&
              !q.samples.varies();
-  uint32_t count = 0;
-  for (uint32_t i = 0; i < batch_.asking && count < kMaxRays; ++i) {
-    r.lane[count] = i;
-    count += q.mask[i] ? 1u : 0u;
+  uint32_t count = std::min(batch_.asking, kMaxRays);
+  int32_t all = -1;
+  for (uint32_t i = 0; i < count; ++i) all &= q.mask[i];
+  if (all) {
+    for (uint32_t i = 0; i < count; ++i) r.lane[i] = i;
+  } else {
+    count = 0;
+    for (uint32_t i = 0; i < batch_.asking && count < kMaxRays; ++i) {
+      r.lane[count] = i;
+      count += q.mask[i] ? 1u : 0u;
+    }
   }
   r.inOrder = count == std::min(batch_.asking, kMaxRays) && !r.single;
   r.count = r.single ? std::min(count, 1u) : count;
@@ -261,11 +279,13 @@ void Machine::makeRays(const Question& q) {
     call.arg = pair, call.argCount = 2;
     kernels().op[size_t(Op::normalize)](call);
   }
-  listSamples(q);
-  const bool direct = r.inOrder && asking <= kMaxRays;
+  const bool direct = r.inOrder && q.run == 1 && asking <= kMaxRays;
+  if (!direct) listSamples(q);
   const bool wide = q.cone.varies() || q.coneAt(0) > 0.0f, based = q.base.varies() || q.baseAt(0) > 0.0f;
   const bool samplesVary = q.cone.varies() || q.base.varies() || q.samples.varies();
-  auto* const pointSeeds = reinterpret_cast<uint64_t*>(column(kSeed));
+  const bool several = samplesVary || q.samplesAt(0) > 1;
+  auto* const sampleSeeds = direct ? r.seed : reinterpret_cast<uint64_t*>(column(kSampleSeed));
+  auto* const pointSeeds = several || based ? reinterpret_cast<uint64_t*>(column(kSeed)) : sampleSeeds;
   auto* const high = reinterpret_cast<uint32_t*>(column(kHigh));
   hashSeeds(q, pointSeeds, wide ? high : nullptr);
 
@@ -297,17 +317,16 @@ void Machine::makeRays(const Question& q) {
   m.rayRadius = direct ? r.radius : column(kRayRadius), m.raySpread = direct ? r.spread : column(kRaySpread);
   for (uint32_t c = 0; c < 2; ++c) m.pair[c] = direct ? r.pair[c] : column(kPair + c);
   m.onSurface = direct ? r.onSurface : reinterpret_cast<int32_t*>(column(kOnSurface));
-  auto* const sampleSeeds = direct ? r.seed : reinterpret_cast<uint64_t*>(column(kSampleSeed));
   for (uint32_t k = 0; k < q.run; ++k) {
     m.sample = q.sample + k;
     if (based) spreadOrigins(q, m.sample, column(kShift)), m.shift = column(kShift);
     kernels().makeRays(m);
     // Every sample has a path of its own.
-    std::copy_n(pointSeeds, asking, sampleSeeds);
+    if (pointSeeds != sampleSeeds && (samplesVary || !several)) std::copy_n(pointSeeds, asking, sampleSeeds);
     if (samplesVary) {
       for (uint32_t i = 0; i < batch_.asking; ++i)
         if (q.samplesAt(i) > 1) sampleSeeds[i] = hashStep(pointSeeds[i], m.sample);
-    } else if (q.samplesAt(0) > 1) {
+    } else if (several) {
       SeedHash h;
       h.base = pointSeeds, h.out = sampleSeeds, h.site = m.sample, h.lanes = asking;
       kernels().hashSeeds(h);

@@ -306,16 +306,19 @@ void Machine::finish(Frame& f, const Step& s, const RayCall& c, const int32_t* m
   using Result = RayCall::Result;
   const Operand* a = f.args(s);
   PendingRays& r = *rays_;
+  const auto give = [&](uint32_t k, uint32_t components, const float(*values)[kRayRow]) {
+    if (!(s.unread >> k & 1)) answer(a[k], components, values, mask);
+  };
   switch (c.result) {
     case Result::kColor:
-      answer(a[0], 3, r.color, mask);
+      give(0, 3, r.color);
       break;
     case Result::kHidden:
-      answer(a[0], 1, r.color, mask);
+      give(0, 1, r.color);
       break;
     case Result::kChannel: {
       const uint32_t channel = uint32_t(std::clamp(a[2].at(0), 0.0f, 2.0f));
-      answer(a[0], 1, r.color + channel, mask);
+      give(0, 1, r.color + channel);
       break;
     }
     case Result::kShadow: {
@@ -324,27 +327,27 @@ void Machine::finish(Frame& f, const Step& s, const RayCall& c, const int32_t* m
         const float mean = (r.color[0][k] + r.color[1][k] + r.color[2][k]) * (1.0f / 3);
         for (int m = 0; m < 3; ++m) r.color[m][k] = 1.0f - (color ? r.color[m][k] : mean);
       }
-      answer(a[0], color ? 3 : 1, r.color, mask);
+      give(0, color ? 3 : 1, r.color);
       break;
     }
     case Result::kDistance:
       for (uint32_t k = 0; k < r.count; ++k)
         if (!(r.hitDistance[k] < c.question.maxDistance.at(r.lane[k]))) r.hitDistance[k] = kNoHit;
-      answer(a[0], 1, &r.hitDistance, mask);
+      give(0, 1, &r.hitDistance);
       break;
     case Result::kHit:
-      answer(a[0], 1, &r.hitDistance, mask);
-      answer(a[1], 3, r.hitP, mask);
-      answer(a[2], 3, r.hitN, mask);
+      give(0, 1, &r.hitDistance);
+      give(1, 3, r.hitP);
+      give(2, 3, r.hitN);
       break;
     case Result::kFull:
-      answer(a[0], 1, &r.missDepth, mask);
-      answer(a[1], 3, r.color, mask);
-      answer(a[2], 1, &r.hitDistance, mask);
-      answer(a[3], 3, r.hitP, mask);
-      answer(a[4], 3, r.hitN, mask);
-      answer(a[5], 3, r.missP, mask);
-      answer(a[6], 3, r.missR, mask);
+      give(0, 1, &r.missDepth);
+      give(1, 3, r.color);
+      give(2, 1, &r.hitDistance);
+      give(3, 3, r.hitP);
+      give(4, 3, r.hitN);
+      give(5, 3, r.missP);
+      give(6, 3, r.missR);
       break;
   }
 }
@@ -396,7 +399,7 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
       if (c.averaged)
         accumulate(f, c);
       else
-        finish(f, s, c, groups_.now.data());
+        finish(f, s, c, q.mask);
     }
   }
   f.raySample = 0;
