@@ -15,7 +15,9 @@ constexpr size_t kMostNatives = 64;
 
 Executable::Executable(std::shared_ptr<const ShaderProgram> program,
                        const std::vector<std::string>& varyingParameters)
-    : program_(std::move(program)) {
+    : program_(std::move(program)),
+      varyingParameters_(varyingParameters),
+      textTests_(findTextTests(*program_)) {
   places_.resize(program_->symbols.size());
   globals_.fill(kNoIndex);
   inferClasses(varyingParameters);
@@ -177,6 +179,19 @@ const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf o
   n.code = std::move(code);
   final = n.done = true;
   return n.code.get();
+}
+
+std::shared_ptr<const Executable> Executable::decided(const std::vector<ShaderValue>& values) const {
+  if (textTests_.empty()) return nullptr;
+  const uint64_t results = textTestResults(*program_, textTests_, values);
+  const std::lock_guard lock(decidedMutex_);
+  for (const auto& [r, e] : decided_)
+    if (r == results) return e;
+  auto program = std::make_shared<const ShaderProgram>(decideTextTests(*program_, textTests_, results));
+  auto e = std::make_shared<Executable>(std::move(program), varyingParameters_);
+  if (nativeAtOnce_.load(std::memory_order_relaxed)) e->makeNativeAtOnce();
+  decided_.push_back({results, e});
+  return e;
 }
 
 uint32_t Executable::nativeCount() const {

@@ -15,6 +15,7 @@
 #include "shading/kernels.h"
 #include "shading/native_code.h"
 #include "shading/shadeop_library.h"
+#include "shading/text_branches.h"
 
 namespace fr {
 
@@ -83,6 +84,9 @@ class Executable {
   const NativeCode* native() const {
     return native({}, [](uint32_t) { return std::shared_ptr<const Executable>(); });
   }
+  /// The same for instances with these values, text parameters deciding what they can (text_branches.h).
+  /// nullptr: they decide nothing. Thread-safe.
+  std::shared_ptr<const Executable> decided(const std::vector<ShaderValue>& values) const;
   /// From now on code is made for the first batch.
   void makeNativeAtOnce() const { nativeAtOnce_.store(true, std::memory_order_relaxed); }
   /// How often code was made. For tests.
@@ -109,6 +113,8 @@ class Executable {
   void bindShadeop(Step& s, const Instruction& in);
 
   std::shared_ptr<const ShaderProgram> program_;
+  std::vector<std::string> varyingParameters_;
+  std::vector<TextTest> textTests_;
   std::vector<Step> steps_;
   std::vector<SymbolPlace> places_;
   std::array<uint32_t, size_t(GlobalId::kCount)> globals_;
@@ -129,6 +135,8 @@ class Executable {
   mutable std::mutex nativeMutex_;
   mutable std::vector<std::unique_ptr<Native>> natives_;
   mutable std::atomic<bool> nativeAtOnce_{false};
+  mutable std::mutex decidedMutex_;
+  mutable std::vector<std::pair<uint64_t, std::shared_ptr<const Executable>>> decided_;
 };
 
 }  // namespace fr

@@ -29,6 +29,10 @@ void findRuns(const RunRecorder& recorder, const Range& within, std::vector<Rang
       ++i;
       continue;
     }
+    if (nodes == 0 && recorder.isNothing(i)) {
+      ++i;
+      continue;
+    }
     if (nodes == 0 || nodes > kMostNodes) {
       runs.push_back({i, i, within.blocks});
       nodes = 0;

@@ -277,6 +277,62 @@ TEST_F(NativeRuns, WhatIsSentToALightIsForgottenBehindTheLoop) {
   EXPECT_EQ(f.Ci(9, 0), 1);
 }
 
+TEST_F(NativeRuns, LightLoopsBehindRaysAreMachineCode) {
+  // What a condition begins with is not read again behind it: variables of the loops stay in the run.
+  MachineFixture f(7, 7);
+  const auto light = f.shader("light l(float k = 1) { illuminate (point (0, 0, -3)) Cl = k; }");
+  const auto s = f.shader(
+      "surface t(float Kr = 1) { color sum = 0; uniform float b = Kr * 2; if (b > 1) { sum = trace(P, N);"
+      " uniform float a = Kr + 1; sum += a * diffuse(N) + specular(N, N, a * .1); } Ci = sum; }");
+  ASSERT_TRUE(light && s) << f.error;
+  f.run(*s, {light.get()});
+  const NativeCode* const code = f.machine.code();
+  ASSERT_NE(code, nullptr);
+  bool lit = false;
+  for (uint32_t i = 0; i < s->program().code.size(); ++i) lit |= code->at(i) && code->at(i)->lights > 0;
+  EXPECT_TRUE(lit);
+}
+
+/// A light shader with local variables, textures and rays that its text parameter switches off is written
+/// out in the shaders that it lights.
+TEST_F(NativeRuns, TextParametersDecideBranches) {
+  MachineFixture f(7, 7), kernelsOnly(7, 7);
+  kernelsOnly.native = false;
+  const std::string lightSource =
+      "light l(string mode = \"\"; float k = 1) { illuminate (point (0, 0, -3)) { color c = k / (L . L);"
+      " if (mode == \"raytrace\") c *= visibility(Ps, point (0, 0, -3)); else if (mode != \"\" && k > 0) c "
+      "*= "
+      "2; Cl = c; } }";
+  const std::string source =
+      "surface t(string name = \"\") { Ci = diffuse(N); if (name == \"a\") Ci += color (u, 0, 0);"
+      " else { if (name != \"b\") Ci += color (0, v, 0); Ci += color (0, 0, u); } }";
+  const auto text = [](const char* name, const char* value) {
+    return ParameterSetting{name, {SlType::kString, 0, {}, {value}}};
+  };
+  for (const char* mode : {"", "raytrace", "other"})
+    for (const char* name : {"", "a", "b"}) {
+      SCOPED_TRACE(std::string(mode) + "/" + name);
+      for (MachineFixture* m : {&f, &kernelsOnly}) {
+        const auto light = m->shader(lightSource, {text("mode", mode)});
+        const auto s = m->shader(source, {text("name", name)});
+        ASSERT_TRUE(light && s) << m->error;
+        m->run(*s, {light.get()});
+        EXPECT_EQ(m->suspensions, *mode == 'r' ? 1 : 0);
+        EXPECT_TRUE(*mode != 0 || light->exe->plainLight());
+      }
+      for (uint32_t i = 0; i < f.count; ++i) {
+        const float x = float(i % 8) / 7, y = float(i / 8) / 7;
+        const float k = (*mode == 'o' ? 2.0f : 1.0f) * 4 /
+                        std::pow(x * x + y * y + 16, 1.5f);  // cosine by the square of the distance
+        const bool a = *name == 'a', b = *name == 'b';
+        EXPECT_NEAR(f.Ci(i, 0), k + (a ? x : 0), 1e-5);
+        EXPECT_NEAR(f.Ci(i, 1), k + (a || b ? 0 : y), 1e-5);
+        EXPECT_NEAR(f.Ci(i, 2), k + (a ? 0 : x), 1e-5);
+        for (uint32_t c = 0; c < 3; ++c) EXPECT_TRUE(same(f.Ci(i, c), kernelsOnly.Ci(i, c)));
+      }
+    }
+}
+
 TEST_F(NativeRuns, MadeAfterSomeBatches) {
   MachineFixture f(7, 7);
   f.native = false;

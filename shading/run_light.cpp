@@ -22,6 +22,34 @@ bool givenByTheLoop(GlobalId id) {
       return false;
   }
 }
+bool emits(Op op) {
+  return op == Op::illuminate_begin || op == Op::illuminate_cone_begin || op == Op::solar_begin ||
+         op == Op::solar_cone_begin;
+}
+/// Every variable that is read has been set by then, for all points that read it: in a block that is still
+/// open. Of programs without loops and jumps.
+bool setsWhatItReads(const ShaderProgram& p) {
+  std::vector<std::vector<uint32_t>> set(1);  // by open block
+  for (uint32_t i = p.bodyBegin; i < p.code.size(); ++i) {
+    const Instruction& in = p.code[i];
+    for (const uint32_t a : p.operands(in)) {
+      const Symbol& s = p.symbol(a);
+      const bool variable = s.storage == Storage::kLocal || s.storage == Storage::kTemp;
+      if (!variable || !(a & kArgRead)) continue;
+      const bool known = std::any_of(set.begin(), set.end(), [&](const auto& block) {
+        return std::find(block.begin(), block.end(), a & kArgIndex) != block.end();
+      });
+      if (!known) return false;
+    }
+    for (const uint32_t a : p.operands(in))
+      if ((a & kArgWritten) && !p.symbol(a).isArray()) set.back().push_back(a & kArgIndex);
+    if (in.op == Op::if_begin || emits(in.op)) set.emplace_back();
+    if (in.op == Op::if_else) set.back().clear();
+    const bool end = in.op == Op::if_end || in.op == Op::illuminate_end || in.op == Op::solar_end;
+    if (end && set.size() > 1) set.pop_back();
+  }
+  return true;
+}
 }  // namespace
 
 bool runsAhead(const Executable& light) {
@@ -32,7 +60,7 @@ bool runsAhead(const Executable& light) {
 
 bool plainLight(const Executable& light) {
   const ShaderProgram& p = light.program();
-  if (p.type != ShaderType::kLight || !light.zeroed().empty()) return false;
+  if (p.type != ShaderType::kLight) return false;
   const auto& used = light.usedGlobals();
   if (!std::all_of(used.begin(), used.end(), givenByTheLoop)) return false;
   // One illuminate or solar outside of conditions; L is read, and what others may ask for is written, where
@@ -49,6 +77,7 @@ bool plainLight(const Executable& light) {
         --conditions;
         break;
       case Op::if_else:
+      case Op::nop:
         break;
       case Op::illuminate_begin:
       case Op::illuminate_cone_begin:
@@ -75,7 +104,7 @@ bool plainLight(const Executable& light) {
       if (s.isArray() || (a & kArgRead) || conditions > 0) return false;
     }
   }
-  return true;
+  return light.zeroed().empty() || setsWhatItReads(p);
 }
 
 }  // namespace fr

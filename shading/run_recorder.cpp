@@ -86,6 +86,7 @@ RunRecorder::Extent RunRecorder::instructionOf(uint32_t part, uint32_t i, uint32
   const Executable& exe = *parts_[part].exe;
   const Step& s = exe.steps()[i];
   if (!s.control) {
+    if (s.op == Op::nop) return {i + 1, 1};
     if (s.kernel && recordedKernels().op[size_t(s.op)]) return {i + 1, nodesOf(s.op)};
     return {};
   }
@@ -357,7 +358,7 @@ void RunRecorder::recordRange(uint32_t begin, uint32_t end) {
     if (!s.control) {
       if (s.op == Op::msg_lightsource)
         recordMessage(s);
-      else
+      else if (s.op != Op::nop)
         recordStep(s);
       ++i;
     } else if (s.op == Op::if_begin) {

@@ -28,6 +28,7 @@ class RunRecorder final : public OperandRecorder {
   Extent block(uint32_t begin) const { return blockOf(0, begin, 0); }
   /// The same of any instruction.
   Extent instruction(uint32_t i) const { return instructionOf(0, i, 0); }
+  bool isNothing(uint32_t i) const { return parts_[0].exe->steps()[i].op == Op::nop; }
 
   /// Forgets everything but what it was made for.
   void clear();

@@ -99,6 +99,7 @@ std::shared_ptr<const ShaderInstance> bindShader(std::shared_ptr<const Executabl
       instance->values[i] = machine->runDefault(parameter);
     }
   }
+  if (auto decided = instance->exe->decided(instance->values)) instance->exe = std::move(decided);
   // Only now: default values are computed from the ones before them.
   static std::atomic<uint64_t> serials{0};
   instance->serial = serials.fetch_add(1, std::memory_order_relaxed) + 1;
