@@ -116,9 +116,11 @@ struct RayMaking {
   const int32_t* neighbourMask = nullptr;  // nullptr: all neighbours are active
   Operand cone, samples;  // half angles of cones that directions are chosen from; no data: none
   bool cosine = false;
-  uint32_t sample = 0;
+  uint32_t sample = 0, many = 1;  // so many samples of every point, from this one on
+  size_t next = 0;  // floats from the columns `to` and `pair` of one sample to those of the next
   const uint32_t* seed = nullptr;
-  float *origin[3] = {}, *to[3] = {}, *rayRadius = nullptr, *raySpread = nullptr, *pair[2] = {};
+  float *origin[3] = {}, *to[3] = {}, *rayRadius = nullptr, *raySpread = nullptr;
+  float* pair[2] = {};           // nullptr: nobody wants to know
   int32_t* onSurface = nullptr;  // the ray starts at the point itself
 };
 

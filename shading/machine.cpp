@@ -122,9 +122,8 @@ const NativeCode* Machine::nativeCode(const ShaderInstance& shader) {
   if (shader.exe->has(kProgramUsesLights))
     for (uint32_t k = 0; k < lightCount_; ++k) {
       const LightState& l = *lights_[k];
-      const bool shadowed = l.instance->shadows;
-      runLights_.push_back(
-          {l.instance->exe.get(), l.instance->exe->plainLight() && !shadowed && !l.emitter, shadowed});
+      const bool shadowed = l.instance->shadows, plain = l.instance->exe->plainLight() && !shadowed;
+      runLights_.push_back({l.instance->exe.get(), plain, shadowed, plain && l.emitter});
     }
   const auto address = reinterpret_cast<uintptr_t>(shader.exe.get());
   KnownNative& known = knownNatives_[(address >> 6 ^ address >> 11) % knownNatives_.size()];

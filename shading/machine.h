@@ -172,7 +172,10 @@ class Machine {
   bool matchesCategory(const LightState& l, std::string_view category) const;
   void emit(Frame& f, const Step& s);
   bool sendToLight(Frame& f, const Step& s, LightState& l);
+  void sampleEmitter(LightState& l, const Operand& Ps, const int32_t* need, const Operand& P,
+                     const Operand& N, float* factor);
   void placeOnEmitter(LightState& l, const int32_t* need);
+  bool aimEmitters(Frame& f, const Step& loop);
   void dimByEmitter(LightState& l, const int32_t* need);
   LightState* lightOf(const Frame& f) const;
   // machine_raycall.cpp
@@ -196,7 +199,7 @@ class Machine {
   void wantExtras(Frame& f, const Step& s, RayTerms& t);
   // machine_environment.cpp
   bool lookUpEnvironment(const Frame& f, std::string_view map, std::string_view spaceName);
-  void answerEnvironment(const Frame& f, const Question& q, std::string_view map, std::string_view spaceName,
+  void answerEnvironment(const Frame& f, std::string_view map, std::string_view spaceName,
                          const Operand& out);
   // machine_ray.cpp
   uint32_t mostSamples(const Frame& f, const Question& q) const;
@@ -211,6 +214,8 @@ class Machine {
   void spreadOrigins(const Question& q, uint32_t sample, float* shift) const;
   void makeRays(const Question& q);
   void takeRays(const RayMaking& m, const uint64_t* seeds, uint32_t sample);
+  template <uint32_t kMany>
+  void takeAll(const RayMaking& m, const uint64_t* seeds);
   bool mayAsk(const Question& q);
   void answer(const Operand& out, uint32_t components, const float (*values)[kRayRow], const int32_t* mask);
   const Operand* option(const Frame& f, const Step& s, uint32_t fixed, std::string_view name) const;
@@ -280,7 +285,7 @@ class Machine {
   uint32_t lightCount_ = 0;
   std::vector<Frame*> stack_;
   std::unique_ptr<PendingRays> rays_;
-  AlignedFloats scratch_, footprints_, rayColumns_, texture_;
+  AlignedFloats scratch_, footprints_, rayColumns_, sampleColumns_, texture_;
   bool footprintsKnown_ = false;
   std::unordered_set<std::string> texts_;  // made by this batch; nodes stay where they are
   size_t textBytes_ = 0;
@@ -298,6 +303,7 @@ class Machine {
   /// hit.
   struct Groups {
     const int32_t* whole = nullptr;  // all of these have yet to ask, in one block
+    const int32_t* asked = nullptr;  // the points of the present block
     std::vector<int32_t> left, now, hits, missed;
     std::vector<uint32_t> points, first, many;  // who asks, the place of its first ray, and how many it asks
   } groups_;

@@ -61,13 +61,13 @@ bool Machine::lookUpEnvironment(const Frame& f, std::string_view map, std::strin
 }
 
 /// gather's "environment:color": of the points of this group that hit nothing.
-void Machine::answerEnvironment(const Frame& f, const Question& q, std::string_view map,
-                                std::string_view spaceName, const Operand& out) {
+void Machine::answerEnvironment(const Frame& f, std::string_view map, std::string_view spaceName,
+                                const Operand& out) {
   if (!lookUpEnvironment(f, map, spaceName)) return;
   std::vector<int32_t>& missed = groups_.missed;
   missed.resize(batch_.lanes);
   PendingRays& r = *rays_;
-  for (uint32_t i = 0; i < batch_.lanes; ++i) missed[i] = q.mask[i] & ~groups_.hits[i];
+  for (uint32_t i = 0; i < batch_.lanes; ++i) missed[i] = groups_.asked[i] & ~groups_.hits[i];
   for (uint32_t m = 0; m < 3; ++m) std::copy_n(missColor_.data() + m * kMaxRays, r.count, r.missP[m]);
   answer(out, 3, r.missP, missed.data());
 }

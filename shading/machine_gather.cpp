@@ -63,7 +63,7 @@ void Machine::describeGather(Frame& f, const Step& s, const Control& c, Question
   q.base = term(f, s, kFixed, "samplebase", 0.0f);
   q.samples.given = a[4];
   q.sample = c.turns;
-  q.several = true;
+  q.several = q.pairs = true;
   // "samplepattern" wants directions alone; every point takes the else branch.
   q.noRays = text(f, s, 0) == "samplepattern";
   readTerms(f, s, kFixed, q);
@@ -120,7 +120,7 @@ void Machine::takeGathered(Frame& f, const Step& s, Control& c, const Question& 
   const Operand* a = f.args(s);
   const uint32_t n = f.lanes();
   PendingRays& r = *rays_;
-  const int32_t* const asked = q.mask;
+  const int32_t* const asked = groups_.asked;
   for (uint32_t k = 0; k < r.count; ++k) {
     const float farthest = std::min(q.maxDistance.at(r.lane[k]), 0.99e30f);
     if (!q.noRays && r.hitDistance[k] < farthest) c.third[r.lane[k]] = -1;
@@ -169,7 +169,7 @@ void Machine::takeGathered(Frame& f, const Step& s, Control& c, const Question& 
       else if (name == "surface:Ci" || name == "volume:Ci")
         answer(out, 3, r.color, hits.data());
       else if (name == "environment:color" && !map.empty())
-        answerEnvironment(f, q, map, optionString(f, s, kFixed, "environmentspace"), out);
+        answerEnvironment(f, map, optionString(f, s, kFixed, "environmentspace"), out);
     }
     if (isExtra(name) && (components == 1 || components == 3) && !rest.empty() &&
         column + components <= kMaxExtraAnswers) {

@@ -28,6 +28,11 @@ bool listed(std::string_view list, std::string_view word) {
   }
   return false;
 }
+bool shinesFromAfar(const ShaderProgram& p) {
+  return std::any_of(p.code.begin() + p.bodyBegin, p.code.end(), [](const Instruction& in) {
+    return in.op == Op::solar_begin || in.op == Op::solar_cone_begin;
+  });
+}
 /// Operands of a light loop before the optional ones.
 uint32_t lightOptions(Op op) {
   return op == Op::illuminance_cone_begin ? 4 : op == Op::illuminance_begin ? 2 : 1;
@@ -96,20 +101,26 @@ float* const* Machine::columnsWithLights(Frame& f) {
       l.frame.unalias(GlobalId::k_P);
       placeAtOrigin(l, kLanePad);
     }
-    const bool plain = runLights_[k].plain, known = plain || l.begun;
-    if (known)
+    const bool plain = runLights_[k].plain;
+    const bool known = plain ? !runLights_[k].emitter || l.aimed.size() > 0 : l.begun;
+    if (plain || known)
       columns_.insert(columns_.end(), l.frame.columns(), l.frame.columns() + e.columnCount());
     else
       columns_.resize(columns_.size() + e.columnCount(), nullptr);
-    if (plain) continue;
     const size_t results = columns_.size();
-    columns_.resize(results + light_column::kCount, nullptr);
-    for (uint32_t c = 0; known && c < 3; ++c) {
+    columns_.resize(results + light_column::count(runLights_[k]), nullptr);
+    if (!known) continue;
+    if (plain) {
+      for (uint32_t c = 0; c < light_column::count(runLights_[k]); ++c)
+        columns_[results + c] = l.aimed.data() + size_t(c) * batch_.lanes;
+      continue;
+    }
+    for (uint32_t c = 0; c < 3; ++c) {
       columns_[results + light_column::kL + c] = l.L.comp(c);
       columns_[results + light_column::kCl + c] = l.Cl.comp(c);
       columns_[results + light_column::kOl + c] = l.Ol.comp(c);
     }
-    if (known) columns_[results + light_column::kLit] = reinterpret_cast<float*>(l.lit);
+    columns_[results + light_column::kLit] = reinterpret_cast<float*>(l.lit);
   }
   return columns_.data();
 }
@@ -121,13 +132,42 @@ Machine::LightState* Machine::lightOf(const Frame& f) const {
 }
 
 /// Chooses the point of an area light from which it shines on each of the points of `need`.
-void Machine::placeOnEmitter(LightState& l, const int32_t* need) {
-  const uint32_t n = batch_.lanes;
+void Machine::sampleEmitter(LightState& l, const Operand& Ps, const int32_t* need, const Operand& P,
+                            const Operand& N, float* factor) {
   // The samples of a point are one low-discrepancy set; points and lights differ in its scramble.
   SeedHash seeds;
   seeds.site = 0xa4ea11967, seeds.next = l.instance->id, seeds.hasNext = true;
   choosePairs(seeds, l.sample);
-  l.emitter->sample({l.Ps, pairs_.data(), need, n, l.emitterP, l.emitterN, l.factor});
+  l.emitter->sample({Ps, pairs_.data(), need, batch_.lanes, P, N, factor});
+}
+
+/// Of the loop's area lights that are written out in code. False: other lights have to run before it.
+bool Machine::aimEmitters(Frame& f, const Step& loop) {
+  const bool ambient = loop.op == Op::ambient_begin;
+  const uint32_t n = batch_.lanes;
+  bool all = true;
+  for (uint32_t k = 0; k < lightCount_; ++k) {
+    LightState& l = *lights_[k];
+    const Executable& e = *l.instance->exe;
+    if (e.has(kProgramAmbientLight) != ambient) continue;
+    all = all && runLights_[k].plain;
+    if (!runLights_[k].emitter) continue;
+    if (l.aimed.reserve(size_t(n) * light_column::kSamples)) columnsKnown_ = false;
+    const auto columns = [&](uint32_t c) { return l.aimed.data() + size_t(c) * n; };
+    float* const dim = columns(light_column::kDim);
+    sampleEmitter(l, f.args(loop)[ambient ? 0 : 1], f.mask, {columns(light_column::kFrom), n, ~0u},
+                  {columns(light_column::kNormal), n, ~0u}, dim);
+    const float share = 1.0f / float(l.samples);
+    const bool local = !ambient && !shinesFromAfar(e.program());
+    for (uint32_t i = 0; i < n; ++i) dim[i] = local ? share * dim[i] : share;
+  }
+  return all;
+}
+
+/// The same of a light that runs as a shader.
+void Machine::placeOnEmitter(LightState& l, const int32_t* need) {
+  const uint32_t n = batch_.lanes;
+  sampleEmitter(l, l.Ps, need, l.emitterP, l.emitterN, l.factor);
   for (const auto& [global, from] :
        {std::pair(GlobalId::k_P, l.emitterP), std::pair(GlobalId::k_N, l.emitterN)}) {
     const Operand to = l.frame.global(global);
@@ -245,6 +285,7 @@ Machine::Next Machine::runLightsAhead(Frame& f, uint32_t loop) {
   // Comes here again after a light's shader has returned.
   const bool open = f.depth > 0 && f.top().ahead && f.top().begin == loop;
   if (!open) {
+    if (aimEmitters(f, f.exe().steps()[loop])) return Next::kGo;
     const size_t bytes = f.lanes() * sizeof(int32_t);
     Control& c = f.push(Control::Kind::kLights);
     c.begin = loop;

@@ -20,6 +20,7 @@ struct Machine::LightState {
   std::string_view category;
   Operand Ps, N, L, Cl, Ol;  // Ps, N: what it was run for. L as in the light: from the light to the point
   Operand emitterP, emitterN;
+  AlignedFloats aimed;           // columns of emitters that are written out in code (light_column)
   float* factor = nullptr;       // of Cl, for area lights
   int32_t* evaluated = nullptr;  // points that it was run for
   int32_t* lit = nullptr;        // of these: reached by illuminate or solar

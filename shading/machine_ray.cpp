@@ -96,7 +96,7 @@ bool Machine::nextGroup(Question& q) {
   if (bias >= 0.0f) t.bias = bias, t.flags |= RayTerms::kHasBias;
   if (q.diffuseBeyond < std::numeric_limits<float>::infinity())
     t.rayClass = q.coneAt(first) > q.diffuseBeyond ? RayClass::kDiffuse : RayClass::kSpecular;
-  q.mask = whole ? whole : now.data();
+  q.mask = groups_.asked = whole ? whole : now.data();
   return true;
 }
 
@@ -126,13 +126,17 @@ enum RayColumn : uint32_t {
   kHigh = 8,
   kSeed = 9,  // two columns
   kOrigin = 11,
-  kTo = 14,
-  kRayRadius = 17,
-  kRaySpread = 18,
-  kPair = 19,
-  kOnSurface = 21,
-  kSampleSeed = 22,  // two columns
-  kRayColumns = 24
+  kRayRadius = 14,
+  kRaySpread = 15,
+  kOnSurface = 16,
+  kRayColumns = 17
+};
+/// Columns of sampleColumns_, for each of the samples that are made together.
+enum SampleColumn : uint32_t {
+  kTo = 0,
+  kPair = 3,
+  kSampleSeed = 5,  // two columns
+  kSampleColumns = 7
 };
 /// Columns of footprints_.
 constexpr uint32_t kRadius = 0, kSpread = 1, kInward = 2, kFootprintColumns = 5;
@@ -241,26 +245,48 @@ void Machine::listSamples(const Question& q) {
   r.inOrder = r.inOrder && q.run == 1;
 }
 
-/// From columns of all points to the rays of those that ask `sample`, counted from the block's first.
+/// From columns of all points to the rays of those that ask, when all ask the block's kMany samples.
+template <uint32_t kMany>
+void Machine::takeAll(const RayMaking& m, const uint64_t* seeds) {
+  PendingRays& r = *rays_;
+  const uint32_t* const points = groups_.points.data();
+  const auto count = uint32_t(groups_.points.size());
+  const auto take = [&](auto* to, const auto* from, size_t next) {
+    for (uint32_t j = 0; j < count; ++j)
+      for (uint32_t k = 0; k < kMany; ++k) to[j * kMany + k] = from[k * next + points[j]];
+  };
+  const auto repeat = [&](auto* to, const auto* from) {
+    for (uint32_t j = 0; j < count; ++j) {
+      const auto value = from[points[j]];
+      for (uint32_t k = 0; k < kMany; ++k) to[j * kMany + k] = value;
+    }
+  };
+  for (uint32_t c = 0; c < 3; ++c) repeat(r.origin[c], m.origin[c]), take(r.direction[c], m.to[c], m.next);
+  for (uint32_t c = 0; c < 2 && m.pair[0]; ++c) take(r.pair[c], m.pair[c], m.next);
+  repeat(r.radius, m.rayRadius), repeat(r.spread, m.raySpread), repeat(r.onSurface, m.onSurface);
+  take(r.seed, seeds, m.next / 2);
+}
+
+/// The same of m.many samples, counted from the block's first, however many each point asks.
 void Machine::takeRays(const RayMaking& m, const uint64_t* seeds, uint32_t sample) {
   PendingRays& r = *rays_;
   const uint32_t* const points = groups_.points.data();
   const uint32_t *const first = groups_.first.data(), *const many = groups_.many.data();
   const auto count = uint32_t(groups_.points.size());
-  const uint32_t most = many[0];
-  const bool even = std::all_of(many, many + count, [most](uint32_t samples) { return samples == most; });
-  if (even && sample >= most) return;
-  const auto take = [&](auto* to, const auto* from) {
-    if (even)
-      for (uint32_t j = 0; j < count; ++j) to[j * most + sample] = from[points[j]];
-    else
-      for (uint32_t j = 0; j < count; ++j)
-        if (sample < many[j]) to[first[j] + sample] = from[points[j]];
+  if (sample == 0 && std::all_of(many, many + count, [&](uint32_t samples) { return samples == m.many; })) {
+    if (m.many == 1) return takeAll<1>(m, seeds);
+    if (m.many == 4) return takeAll<4>(m, seeds);
+    if (m.many == 8) return takeAll<8>(m, seeds);
+  }
+  const auto take = [&](auto* to, const auto* from, size_t next) {
+    for (uint32_t j = 0; j < count; ++j)
+      for (uint32_t k = 0; k < m.many && sample + k < many[j]; ++k)
+        to[first[j] + sample + k] = from[k * next + points[j]];
   };
-  for (uint32_t c = 0; c < 3; ++c) take(r.origin[c], m.origin[c]), take(r.direction[c], m.to[c]);
-  for (uint32_t c = 0; c < 2; ++c) take(r.pair[c], m.pair[c]);
-  take(r.radius, m.rayRadius), take(r.spread, m.raySpread), take(r.onSurface, m.onSurface);
-  take(r.seed, seeds);
+  for (uint32_t c = 0; c < 3; ++c) take(r.origin[c], m.origin[c], 0), take(r.direction[c], m.to[c], m.next);
+  for (uint32_t c = 0; c < 2 && m.pair[0]; ++c) take(r.pair[c], m.pair[c], m.next);
+  take(r.radius, m.rayRadius, 0), take(r.spread, m.raySpread, 0), take(r.onSurface, m.onSurface, 0);
+  take(r.seed, seeds, m.next / 2);
 }
 
 /// Rays of all points, then of those that ask.
@@ -284,7 +310,12 @@ void Machine::makeRays(const Question& q) {
   const bool wide = q.cone.varies() || q.coneAt(0) > 0.0f, based = q.base.varies() || q.baseAt(0) > 0.0f;
   const bool samplesVary = q.cone.varies() || q.base.varies() || q.samples.varies();
   const bool several = samplesVary || q.samplesAt(0) > 1;
-  auto* const sampleSeeds = direct ? r.seed : reinterpret_cast<uint64_t*>(column(kSampleSeed));
+  // As many samples at once as have the same origins.
+  const uint32_t together = based ? 1 : q.run;
+  const size_t next = size_t(n) * kSampleColumns;
+  sampleColumns_.reserve(next * together);
+  const auto ofSample = [&](uint32_t c) { return sampleColumns_.data() + size_t(c) * n; };
+  auto* const sampleSeeds = direct ? r.seed : reinterpret_cast<uint64_t*>(ofSample(kSampleSeed));
   auto* const pointSeeds = several || based ? reinterpret_cast<uint64_t*>(column(kSeed)) : sampleSeeds;
   auto* const high = reinterpret_cast<uint32_t*>(column(kHigh));
   hashSeeds(q, pointSeeds, wide ? high : nullptr);
@@ -312,24 +343,29 @@ void Machine::makeRays(const Question& q) {
   }
   for (uint32_t c = 0; c < 3; ++c) {
     m.origin[c] = direct ? r.origin[c] : column(kOrigin + c);
-    m.to[c] = direct ? r.direction[c] : column(kTo + c);
+    m.to[c] = direct ? r.direction[c] : ofSample(kTo + c);
   }
   m.rayRadius = direct ? r.radius : column(kRayRadius), m.raySpread = direct ? r.spread : column(kRaySpread);
-  for (uint32_t c = 0; c < 2; ++c) m.pair[c] = direct ? r.pair[c] : column(kPair + c);
+  for (uint32_t c = 0; c < 2 && q.pairs; ++c) m.pair[c] = direct ? r.pair[c] : ofSample(kPair + c);
   m.onSurface = direct ? r.onSurface : reinterpret_cast<int32_t*>(column(kOnSurface));
-  for (uint32_t k = 0; k < q.run; ++k) {
+  m.many = together, m.next = next;
+  for (uint32_t k = 0; k < q.run; k += together) {
     m.sample = q.sample + k;
     if (based) spreadOrigins(q, m.sample, column(kShift)), m.shift = column(kShift);
     kernels().makeRays(m);
     // Every sample has a path of its own.
-    if (pointSeeds != sampleSeeds && (samplesVary || !several)) std::copy_n(pointSeeds, asking, sampleSeeds);
-    if (samplesVary) {
-      for (uint32_t i = 0; i < batch_.asking; ++i)
-        if (q.samplesAt(i) > 1) sampleSeeds[i] = hashStep(pointSeeds[i], m.sample);
-    } else if (several) {
-      SeedHash h;
-      h.base = pointSeeds, h.out = sampleSeeds, h.site = m.sample, h.lanes = asking;
-      kernels().hashSeeds(h);
+    for (uint32_t j = 0; j < together; ++j) {
+      uint64_t* const seeds = sampleSeeds + j * next / 2;
+      if (samplesVary) {
+        for (uint32_t i = 0; i < batch_.asking; ++i)
+          seeds[i] = q.samplesAt(i) > 1 ? hashStep(pointSeeds[i], m.sample + j) : pointSeeds[i];
+      } else if (several) {
+        SeedHash h;
+        h.base = pointSeeds, h.out = seeds, h.site = m.sample + j, h.lanes = asking;
+        kernels().hashSeeds(h);
+      } else if (seeds != pointSeeds) {
+        std::copy_n(pointSeeds, asking, seeds);
+      }
     }
     if (!direct) takeRays(m, sampleSeeds, k);
   }

@@ -34,6 +34,7 @@ struct Machine::Question {
   bool hemisphere = false, aimed = false;  // samples differ even without a cone
   bool several = false;                    // as many samples as were asked for, whether they differ or not
   bool noRays = false;                     // directions alone are wanted
+  bool pairs = false;                      // so are the random numbers that chose them
   // What the rays of one block have in common; points that say otherwise are asked in a block of their own.
   Term maxDistance{{}, 1e30f}, bias{{}, -1.0f};
   float diffuseBeyond = std::numeric_limits<float>::infinity();  // cones wider than this ask diffuse rays

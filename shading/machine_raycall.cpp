@@ -399,7 +399,7 @@ Machine::Next Machine::rayOp(Frame& f, const Step& s) {
       if (c.averaged)
         accumulate(f, c);
       else
-        finish(f, s, c, q.mask);
+        finish(f, s, c, groups_.asked);
     }
   }
   f.raySample = 0;

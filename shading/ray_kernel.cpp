@@ -142,18 +142,26 @@ FR_INLINE void basis(V3 n, V3& x, V3& y) {
   x = {1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
   y = {b, sign + n.y * n.y * a, -n.y};
 }
-/// A unit direction within the cone about the unit vector d.
-FR_INLINE V3 sampleCone(V3 d, V cone, bool cosine, V u, V v) {
+/// What directions within a cone need to know of it, and the spread of its samples: they share its solid
+/// angle.
+struct Cone {
+  V size, share;
+  VI wide;
+};
+FR_INLINE Cone coneOf(V cone, V samples, bool cosine) {
+  return {cosine ? vsin(vmin(cone, splat(1.57079637f))) : 1.0f - vcos(vmin(cone, splat(3.14159274f))),
+          rawSqrt(2.0f * (1.0f - vcos(cone)) / samples), cone > 0.0f};
+}
+/// A unit direction within the cone about the unit vector d; x and y as in basis().
+FR_INLINE V3 sampleCone(V3 d, V3 x, V3 y, const Cone& cone, bool cosine, V u, V v) {
   V z, rho;
   if (cosine) {
-    rho = vsin(vmin(cone, splat(1.57079637f))) * rawSqrt(u);
+    rho = cone.size * rawSqrt(u);
     z = vsqrt(1.0f - rho * rho);
   } else {
-    z = 1.0f - u * (1.0f - vcos(vmin(cone, splat(3.14159274f))));
+    z = 1.0f - u * cone.size;
     rho = vsqrt(1.0f - z * z);
   }
-  V3 x, y;
-  basis(d, x, y);
   V s, c;
   sinCos(6.2831853f * v, s, c);
   return add(add(scale(x, rho * c), scale(y, rho * s)), scale(d, z));
@@ -173,7 +181,15 @@ FR_INLINE V squaredTurn(const RayMaking& r, uint32_t i, int d) {
   return select(known, squared, V{});
 }
 
+FR_INLINE void storeLoose3(float* const to[3], size_t at, V3 v) {
+  storeLoose(to[0] + at, v.x), storeLoose(to[1] + at, v.y), storeLoose(to[2] + at, v.z);
+}
+
 void makeRays(const RayMaking& r) {
+  const bool cones = r.cone.data != nullptr;
+  const bool sameCone = cones && !r.cone.varying() && !r.samples.varying();
+  Cone cone{};
+  if (sameCone) cone = coneOf(load(r.cone, 0), load(r.samples, 0), r.cosine);
   for (uint32_t i = 0; i < r.lanes; i += kLanes) {
     const V3 unit = load3(r.unit, i), zero{};
     V3 from = load3(r.from, i), to = load3(r.direction, i);
@@ -220,29 +236,29 @@ void makeRays(const RayMaking& r) {
       const VI inGrid = loadLoose(r.scale[0] + i) != 0.0f;
       spread = select(inGrid, vmin(splat(1.0f), vmax(turn, spread)), spread);
     }
-    if (r.cone.data) {
-      const V cone = load(r.cone, i);
-      const VI wide = cone > 0.0f;
-      V u, v;
-      sobolPair(r.sample, loadAs<VU>(r.seed + i), u, v);
-      V3 axis = to;
+    storeLoose3(r.origin, i, from);
+    if (cones) {
+      if (!sameCone) cone = coneOf(load(r.cone, i), load(r.samples, i), r.cosine);
+      spread = select(cone.wide, vmin(splat(1.0f), vmax(cone.share, spread)), spread);
+      V3 axis = to, x, y;
       V size = splat(1.0f);
       if (r.segment) size = length(to), axis = normalize(to);
-      to = select(wide, scale(sampleCone(axis, cone, r.cosine, u, v), size), to);
-      // The samples share the cone's solid angle.
-      const V share = rawSqrt(2.0f * (1.0f - vcos(cone)) / load(r.samples, i));
-      spread = select(wide, vmin(splat(1.0f), vmax(share, spread)), spread);
-      storeLoose(r.pair[0] + i, select(wide, u, splat(0.5f)));
-      storeLoose(r.pair[1] + i, select(wide, v, splat(0.5f)));
+      basis(axis, x, y);
+      const VU seed = loadAs<VU>(r.seed + i);
+      for (uint32_t k = 0; k < r.many; ++k) {
+        V u, v;
+        sobolPair(r.sample + k, seed, u, v);
+        const V3 chosen = scale(sampleCone(axis, x, y, cone, r.cosine, u, v), size);
+        storeLoose3(r.to, k * r.next + i, select(cone.wide, chosen, to));
+        if (!r.pair[0]) continue;
+        storeLoose(r.pair[0] + k * r.next + i, select(cone.wide, u, splat(0.5f)));
+        storeLoose(r.pair[1] + k * r.next + i, select(cone.wide, v, splat(0.5f)));
+      }
     } else {
-      storeLoose(r.pair[0] + i, splat(0.5f)), storeLoose(r.pair[1] + i, splat(0.5f));
-    }
-    const V3 results[] = {from, to};
-    for (int k = 0; k < 2; ++k) {
-      float* const* const out = k == 0 ? r.origin : r.to;
-      storeLoose(out[0] + i, results[k].x);
-      storeLoose(out[1] + i, results[k].y);
-      storeLoose(out[2] + i, results[k].z);
+      for (uint32_t k = 0; k < r.many; ++k) {
+        storeLoose3(r.to, k * r.next + i, to);
+        for (int d = 0; d < 2 && r.pair[0]; ++d) storeLoose(r.pair[d] + k * r.next + i, splat(0.5f));
+      }
     }
     storeLoose(r.rayRadius + i, radius);
     storeLoose(r.raySpread + i, spread);

@@ -11,15 +11,20 @@ class Executable;
 /// read from the light's frame.
 struct RunLight {
   const Executable* exe = nullptr;
-  bool plain = false;     // asks no rays, has no geometry, and plainLight(exe)
+  bool plain = false;     // asks no rays, and plainLight(exe)
   bool shadowed = false;  // the renderer asks rays for the points that a loop's body runs for
+  bool emitter = false;   // plain, but P and N are points of its geometry
   bool operator==(const RunLight&) const = default;
 };
 
-/// What a light that is not plain has given its points, in columns behind those of its program.
+/// Columns behind those of a light's program.
 namespace light_column {
-inline constexpr uint32_t kL = 0, kCl = 3, kOl = 6, kLit = 9, kCount = 10;
-}
+/// What a light that is not plain has given its points.
+inline constexpr uint32_t kL = 0, kCl = 3, kOl = 6, kLit = 9, kResults = 10;
+/// Of an emitter: where it shines from, its normal there, and what dims it.
+inline constexpr uint32_t kFrom = 0, kNormal = 3, kDim = 6, kSamples = 7;
+inline uint32_t count(const RunLight& l) { return !l.plain ? kResults : l.emitter ? kSamples : 0; }
+}  // namespace light_column
 
 /// A light that is not plain may run before the code of which the loop is a part: it asks nothing of the
 /// shader that it lights but where its points are.

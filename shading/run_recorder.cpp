@@ -45,10 +45,9 @@ class ValueOperands final : public OperandRecorder {
 RunRecorder::RunRecorder(const Executable& exe, std::span<const RunLight> lights)
     : lights_(lights.begin(), lights.end()) {
   const auto add = [&](const Executable& e) {
-    const bool results = parts_.size() > 1 && !lights_[parts_.size() - 2].plain;
-    const uint32_t base = parts_.empty() ? 0
-                                         : parts_.back().base + parts_.back().exe->columnCount() +
-                                               (results ? light_column::kCount : 0);
+    uint32_t base = 0;
+    if (!parts_.empty()) base = parts_.back().base + parts_.back().exe->columnCount();
+    if (parts_.size() > 1) base += light_column::count(lights_[parts_.size() - 2]);
     parts_.push_back({&e, base, std::vector<NodeIndex>(e.columnCount(), kUnknown), {}});
   };
   add(exe);
@@ -467,12 +466,12 @@ bool RunRecorder::canAskAhead(uint32_t i) {
   return sameKind && question == ahead_.question;
 }
 
-/// What a light that ran before the code has left.
-RunRecorder::Triple RunRecorder::resultOf(uint32_t light, uint32_t column) {
+/// What is known of a light before the code runs (light_column).
+RunRecorder::Triple RunRecorder::ofLight(uint32_t light, uint32_t column, uint32_t components) {
   const Part& p = parts_[light + 1];
   readsLights_ = true;
   Triple t;
-  for (uint32_t c = 0; c < (column == light_column::kLit ? 1u : 3u); ++c)
+  for (uint32_t c = 0; c < components; ++c)
     t.c[c] = graph.load(p.base + p.exe->columnCount() + column + c, false);
   return t;
 }
@@ -482,7 +481,7 @@ uint32_t RunRecorder::recordLights(uint32_t i) {
   const Step& s = step(i);
   const bool ambient = s.op == Op::ambient_begin;
   const bool ahead = std::any_of(lights_.begin(), lights_.end(), [&](const RunLight& l) {
-    return !l.plain && l.exe->has(kProgramAmbientLight) == ambient;
+    return (!l.plain || l.emitter) && l.exe->has(kProgramAmbientLight) == ambient;
   });
   if (ahead && !canAskAhead(i)) {
     lightsAreMissed();
@@ -509,8 +508,8 @@ uint32_t RunRecorder::recordLights(uint32_t i) {
       recordLight(k, alive);
       emission_ = nullptr;
     } else {
-      e.lit = resultOf(k, light_column::kLit).c[0];
-      e.L = resultOf(k, light_column::kL);
+      e.lit = ofLight(k, light_column::kLit, 1).c[0];
+      e.L = ofLight(k, light_column::kL, 3);
     }
     NodeIndex mask = ambient ? alive : both(alive, e.lit);
     setMask(mask);
@@ -528,8 +527,13 @@ uint32_t RunRecorder::recordLights(uint32_t i) {
     if (!ambient) writeGlobal(GlobalId::k_L, call(negate, {seen(e.L)}));
     const Triple ones{{graph.constant(1.0f), graph.constant(1.0f), graph.constant(1.0f)}};
     const bool opacity = lights_[k].exe->global(GlobalId::k_Ol) != kNoIndex;
-    writeGlobal(GlobalId::k_Cl, plain ? readGlobal(k + 1, GlobalId::k_Cl) : resultOf(k, light_column::kCl));
-    writeGlobal(GlobalId::k_Ol, !plain    ? resultOf(k, light_column::kOl)
+    Triple Cl = plain ? readGlobal(k + 1, GlobalId::k_Cl) : ofLight(k, light_column::kCl, 3);
+    if (lights_[k].emitter) {
+      const NodeIndex dim = ofLight(k, light_column::kDim, 1).c[0];
+      for (NodeIndex& c : Cl.c) c = graph.binary(VectorOp::kMul, c, dim);
+    }
+    writeGlobal(GlobalId::k_Cl, Cl);
+    writeGlobal(GlobalId::k_Ol, !plain    ? ofLight(k, light_column::kOl, 3)
                                 : opacity ? readGlobal(k + 1, GlobalId::k_Ol)
                                           : ones);
     recordRange(i + 1, s.jump);
@@ -546,7 +550,9 @@ void RunRecorder::recordLight(uint32_t light, NodeIndex alive) {
   // Variables begin anew; parameters are as they were.
   for (const uint32_t c : p.touched) p.values[c] = kUnknown;
   p.touched.clear();
-  const bool readsNormal = exe.global(GlobalId::k_N) != kNoIndex || exe.global(GlobalId::k_Ns) != kNoIndex;
+  const bool emitter = lights_[light].emitter;
+  const bool readsNormal =
+      (!emitter && exe.global(GlobalId::k_N) != kNoIndex) || exe.global(GlobalId::k_Ns) != kNoIndex;
   if (readsNormal && parts_[0].exe->global(GlobalId::k_N) == kNoIndex) {
     failed_ = true;
     return;
@@ -555,6 +561,10 @@ void RunRecorder::recordLight(uint32_t light, NodeIndex alive) {
   setGlobal(light, GlobalId::k_Ps, emission_->Ps);
   setGlobal(light, GlobalId::k_N, emission_->N);
   setGlobal(light, GlobalId::k_Ns, emission_->N);
+  if (emitter) {
+    setGlobal(light, GlobalId::k_P, ofLight(light, light_column::kFrom, 3));
+    setGlobal(light, GlobalId::k_N, ofLight(light, light_column::kNormal, 3));
+  }
   setGlobal(light, GlobalId::k_L, {});
   setGlobal(light, GlobalId::k_Cl, {});
   setGlobal(light, GlobalId::k_Ol, {{one, one, one}});

@@ -96,7 +96,7 @@ class RunRecorder final : public OperandRecorder {
   void recordLight(uint32_t light, NodeIndex alive);
   bool canAskAhead(uint32_t i);
   void lightsAreMissed();
-  Triple resultOf(uint32_t light, uint32_t column);
+  Triple ofLight(uint32_t light, uint32_t column, uint32_t components);
   uint32_t recordEmission(uint32_t i);
   void recordMessage(const Step& s);
   void recordStep(const Step& s);
