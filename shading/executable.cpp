@@ -11,13 +11,13 @@ namespace {
 constexpr uint32_t kBatchesBeforeNative = 4;
 /// Sets of lights with code of their own; further ones are lit by kernels.
 constexpr size_t kMostNatives = 64;
+/// Outcomes of tests of parameters that have a program of their own; for others all remains to be asked.
+constexpr size_t kMostDecided = 16;
 }  // namespace
 
 Executable::Executable(std::shared_ptr<const ShaderProgram> program,
                        const std::vector<std::string>& varyingParameters)
-    : program_(std::move(program)),
-      varyingParameters_(varyingParameters),
-      textTests_(findTextTests(*program_)) {
+    : program_(std::move(program)), varyingParameters_(varyingParameters) {
   places_.resize(program_->symbols.size());
   globals_.fill(kNoIndex);
   inferClasses(varyingParameters);
@@ -25,6 +25,11 @@ Executable::Executable(std::shared_ptr<const ShaderProgram> program,
   placeSymbols(liveness);
   prepareSteps();
   findUnread(liveness);
+  // Numbers can be sent to lights.
+  parameterTests_ = findParameterTests(*program_, [&](uint32_t s) {
+    const bool number = program_->symbols[s].type != SlType::kString;
+    return !places_[s].varying && !(number && program_->type == ShaderType::kLight);
+  });
   plainLight_ = fr::plainLight(*this);
 }
 
@@ -182,12 +187,14 @@ const NativeCode* Executable::native(std::span<const RunLight> lights, OwnerOf o
 }
 
 std::shared_ptr<const Executable> Executable::decided(const std::vector<ShaderValue>& values) const {
-  if (textTests_.empty()) return nullptr;
-  const uint64_t results = textTestResults(*program_, textTests_, values);
+  if (parameterTests_.empty()) return nullptr;
+  const uint64_t results = parameterTestResults(*program_, parameterTests_, values);
   const std::lock_guard lock(decidedMutex_);
   for (const auto& [r, e] : decided_)
     if (r == results) return e;
-  auto program = std::make_shared<const ShaderProgram>(decideTextTests(*program_, textTests_, results));
+  if (decided_.size() >= kMostDecided) return nullptr;
+  auto program =
+      std::make_shared<const ShaderProgram>(decideParameterTests(*program_, parameterTests_, results));
   auto e = std::make_shared<Executable>(std::move(program), varyingParameters_);
   if (nativeAtOnce_.load(std::memory_order_relaxed)) e->makeNativeAtOnce();
   decided_.push_back({results, e});

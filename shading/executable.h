@@ -14,8 +14,8 @@
 
 #include "shading/kernels.h"
 #include "shading/native_code.h"
+#include "shading/parameter_branches.h"
 #include "shading/shadeop_library.h"
-#include "shading/text_branches.h"
 
 namespace fr {
 
@@ -84,8 +84,8 @@ class Executable {
   const NativeCode* native() const {
     return native({}, [](uint32_t) { return std::shared_ptr<const Executable>(); });
   }
-  /// The same for instances with these values, text parameters deciding what they can (text_branches.h).
-  /// nullptr: they decide nothing. Thread-safe.
+  /// The same for instances with these values, which decide what they can (parameter_branches.h). nullptr:
+  /// they decide nothing. Thread-safe.
   std::shared_ptr<const Executable> decided(const std::vector<ShaderValue>& values) const;
   /// From now on code is made for the first batch.
   void makeNativeAtOnce() const { nativeAtOnce_.store(true, std::memory_order_relaxed); }
@@ -114,7 +114,7 @@ class Executable {
 
   std::shared_ptr<const ShaderProgram> program_;
   std::vector<std::string> varyingParameters_;
-  std::vector<TextTest> textTests_;
+  std::vector<ParameterTest> parameterTests_;
   std::vector<Step> steps_;
   std::vector<SymbolPlace> places_;
   std::array<uint32_t, size_t(GlobalId::kCount)> globals_;

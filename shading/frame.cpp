@@ -117,7 +117,7 @@ void Frame::start(const int32_t* startMask) {
   std::memcpy(mask, startMask, lanes_ * sizeof(int32_t));
   pc = exe().program().bodyBegin;
   end = uint32_t(exe().program().code.size());
-  active = kernels().anyActive(mask, lanes_);
+  countActive();
   depth = 0;
   rayPhase = raySample = 0;
   solar = false;

@@ -93,13 +93,19 @@ class Frame {
   /// Where the components of all symbols are, by Executable::firstColumn().
   float* const* columns() const { return columns_.data(); }
 
+  /// The mask has changed.
+  void countActive() {
+    activeCount = kernels().countActive(mask, lanes_);
+    active = activeCount != 0;
+  }
   Control& push(Control::Kind kind);
   void pop() { --depth; }
   Control& top() { return control[depth - 1]; }
 
   uint32_t pc = 0;
-  uint32_t end = 0;     // runs until here
-  bool active = false;  // any lane of mask set
+  uint32_t end = 0;          // runs until here
+  bool active = false;       // any lane of mask set
+  uint32_t activeCount = 0;  // as many, as long as any are
   int32_t* mask = nullptr;
   int32_t* lit = nullptr;  // light: points that an illuminate or solar reached
   bool solar = false;      // light: the last statement was solar

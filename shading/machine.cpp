@@ -13,7 +13,6 @@ namespace {
 constexpr uint32_t kMaxTurns = 1u << 20;
 /// Every sample of an area light keeps its own results.
 constexpr uint32_t kMostLightSamples = 256;
-constexpr uint64_t kUncounted = ~uint64_t(0);
 alignas(64) constexpr int32_t kAllActive[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
                                                       -1, -1, -1, -1, -1, -1, -1, -1};
 
@@ -182,14 +181,11 @@ Machine::Next Machine::execute(Frame& f) {
   const std::vector<Step>& steps = f.exe().steps();
   const uint32_t end = f.end;
   const NativeCode* const native = f.native();
-  // Active points are counted once for all instructions between two changes of the mask.
-  uint64_t active = kUncounted;
   while (f.pc < end) {
     const Step& s = steps[f.pc];
     if (s.control) {
       const Next n = control(f, s);
       if (n != Next::kGo) return n;
-      active = kUncounted;
       continue;
     }
     if (!f.active) {
@@ -202,14 +198,12 @@ Machine::Next Machine::execute(Frame& f) {
         if (n != Next::kGo) return n;
       }
       if (run->varyingSteps) {
-        if (active == kUncounted) active = kernels().countActive(f.mask, f.lanes());
-        statistics_.lanesActive += active * run->varyingSteps;
+        statistics_.lanesActive += uint64_t(f.activeCount) * run->varyingSteps;
         statistics_.lanesTotal += uint64_t(f.lanes()) * run->varyingSteps;
       }
       statistics_.steps += run->steps;
       if (run->lights) {
-        if (active == kUncounted) active = kernels().countActive(f.mask, f.lanes());
-        statistics_.lightPoints += active * run->lights;
+        statistics_.lightPoints += uint64_t(f.activeCount) * run->lights;
       }
       run->function(run->readsLights ? columnsWithLights(f) : f.columns(), f.lanes() * sizeof(float), f.mask);
       f.pc = run->end;
@@ -223,8 +217,7 @@ Machine::Next Machine::execute(Frame& f) {
       c.lanes = s.varying ? f.lanes() : kLanePad;
       c.mask = s.varying ? f.mask : kAllActive;
       if (s.varying) {
-        if (active == kUncounted) active = kernels().countActive(f.mask, c.lanes);
-        statistics_.lanesActive += active, statistics_.lanesTotal += c.lanes;
+        statistics_.lanesActive += f.activeCount, statistics_.lanesTotal += c.lanes;
       }
       s.kernel(c);
       ++f.pc;
@@ -268,7 +261,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
   const Operand mask = maskOperand(f.mask, lanes);
   const auto restore = [&](const int32_t* from) {
     std::memcpy(f.mask, from, bytes);
-    f.active = any(f.mask);
+    f.countActive();
   };
   switch (s.op) {
     case Op::if_begin: {
@@ -289,7 +282,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       std::memcpy(c.saved, f.mask, bytes);
       if (hasElse) runHelper(Helper::maskAndZero, {maskOperand(c.other, lanes), mask, condition}, lanes);
       runHelper(Helper::maskAndNonZero, {mask, mask, condition}, lanes);
-      f.active = any(f.mask);
+      f.countActive();
       f.pc = f.active ? f.pc + 1 : s.jump;
       break;
     }
@@ -323,7 +316,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       const Operand& condition = f.args(s)[0];
       if (condition.varying()) {
         runHelper(Helper::maskAndNonZero, {mask, mask, condition}, lanes);
-        f.active = any(f.mask);
+        f.countActive();
       } else if (condition.at(0) == 0.0f) {
         f.active = false;
       }
@@ -343,7 +336,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         runHelper(Helper::maskOr, {mask, mask, other}, lanes);
         std::memset(c.other, 0, bytes);
         c.anyContinued = false;
-        f.active = any(f.mask);
+        f.countActive();
       }
       if (f.active) {
         ++f.pc;
@@ -453,7 +446,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       }
       std::memcpy(f.push(Control::Kind::kIlluminate).saved, f.mask, bytes);
       emit(f, s);
-      f.active = any(f.mask);
+      f.countActive();
       f.pc = f.active ? f.pc + 1 : s.jump;
       break;
     }
@@ -480,7 +473,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       Control& c = f.top();
       // third: points that hit; the others of those still in the loop missed.
       runHelper(Helper::maskAndNot, {mask, maskOperand(c.other, lanes), maskOperand(c.third, lanes)}, lanes);
-      f.active = any(f.mask);
+      f.countActive();
       f.pc = f.active ? f.pc + 1 : s.jump;
       break;
     }

@@ -190,18 +190,28 @@ void Machine::randomOp(Frame& f, const Step& s) {
   const uint32_t components = s.op == Op::random_t ? 3 : 1;
   const uint64_t site = hashStep(f.instance().id, f.pc);
   uint32_t* const count = f.counter(s.counter);
-  const uint32_t n = out.varying() ? f.lanes() : 1;
-  for (uint32_t i = 0; i < n; ++i) {
-    const uint64_t start = out.varying() && batch_.seed ? batch_.seed[i] : batch_.batchSeed;
-    uint64_t h = hashStep(hashStep(start, site), count[i]);
-    count[i] += out.varying() ? uint32_t(-f.mask[i]) : 1u;
+  if (!out.varying()) {
+    uint64_t h = hashStep(hashStep(batch_.batchSeed, site), count[0]++);
     for (uint32_t c = 0; c < components; ++c) {
-      out.comp(c)[i] = toUnitFloat64(h);
+      std::fill_n(out.comp(c), kLanePad, toUnitFloat64(h));
       h = mix64(h + 0x9e3779b97f4a7c15ull);
     }
+    return;
   }
-  if (!out.varying())
-    for (uint32_t c = 0; c < components; ++c) std::fill_n(out.comp(c), kLanePad, out.comp(c)[0]);
+  const uint32_t n = f.lanes();
+  scratch_.reserve(size_t(n) * 3);
+  SeedHash seeds;
+  seeds.base = batch_.seed, seeds.one = batch_.batchSeed, seeds.site = site, seeds.counter = count;
+  seeds.lanes = n, seeds.out = reinterpret_cast<uint64_t*>(scratch_.data());
+  seeds.high = reinterpret_cast<uint32_t*>(scratch_.data() + size_t(n) * 2);
+  kernels().hashSeeds(seeds);
+  for (uint32_t i = 0; i < n; ++i) count[i] += uint32_t(-f.mask[i]);
+  for (uint32_t i = 0; i < n; ++i) out.data[i] = float(int32_t(seeds.high[i] >> 8)) * 0x1p-24f;
+  for (uint32_t c = 1; c < components; ++c)
+    for (uint32_t i = 0; i < n; ++i) {
+      seeds.out[i] = mix64(seeds.out[i] + 0x9e3779b97f4a7c15ull);
+      out.comp(c)[i] = toUnitFloat64(seeds.out[i]);
+    }
 }
 
 namespace {

@@ -91,7 +91,7 @@ Machine::Next Machine::gatherTurn(Frame& f) {
       std::memcpy(f.mask, c.saved, bytes);
       uint32_t* const counter = f.counter(s.counter);
       for (uint32_t i = 0; i < n; ++i) counter[i] += uint32_t(-f.mask[i]);
-      f.active = any(f.mask);
+      f.countActive();
       f.pop();
       f.pc = f.exe().steps()[s.jump].jump + 1;
       return Next::kGo;
@@ -109,7 +109,7 @@ Machine::Next Machine::gatherTurn(Frame& f) {
   }
   ++c.turns;
   std::memcpy(f.mask, c.third, bytes);
-  f.active = any(f.mask);
+  f.countActive();
   f.pc = f.active ? c.begin + 1 : s.jump;
   c.phase = Control::Phase::kBody;
   return Next::kGo;

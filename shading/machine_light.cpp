@@ -323,7 +323,7 @@ Machine::Next Machine::lightTurn(Frame& f) {
         }
         if (c.light >= int32_t(lightCount_) || !any(c.other)) {
           std::memcpy(f.mask, c.saved, bytes);
-          f.active = any(f.mask);
+          f.countActive();
           if (!c.ahead) f.pc = s.jump + 1;
           f.pop();
           return Next::kGo;
@@ -406,7 +406,8 @@ Machine::Next Machine::lightTurn(Frame& f) {
       case Control::Phase::kBody: {
         LightState& l = *lights_[size_t(c.light)];
         // What waits for its lights is active until they are known.
-        f.active = c.ahead || any(f.mask);
+        f.countActive();
+        f.active = f.active || c.ahead;
         if (!f.active || c.ahead) {
           c.phase = Control::Phase::kNext;
           break;

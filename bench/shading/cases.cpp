@@ -47,7 +47,6 @@ LightCase spot(const char* shader) {
 LightCase area() {
   HandLight h;
   h.kind = HandLight::kArea;
-  h.axis[2] = 1;
   return {"arealight", {}, h};
 }
 
@@ -158,7 +157,7 @@ std::vector<Case> allCases(const std::string& textureFile) {
   add("background", {}, "background", [](HandTask& t) { t.color[0] = t.color[1] = t.color[2] = 1; });
   add("clamptoalpha", {}, "clamptoalpha");
   const auto matteUnder = [&](LightCase light) {
-    Case& c = add("matte", {light}, "matte");
+    Case& c = add("matte", {light}, light.hand.kind == HandLight::kArea ? "matteByArea" : "matte");
     c.name = light.shader + " (matte)";
   };
   matteUnder(ambient());

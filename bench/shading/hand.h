@@ -13,7 +13,7 @@ struct HandLight {
   enum Kind : uint32_t { kAmbient, kDistant, kPoint, kSpot, kArea };
   Kind kind = kAmbient;
   float color[3] = {1, 1, 1};
-  float from[3] = {0, 0, 0};
+  float from[3] = {0, 0, 0};  // of area lights: the emitters'
   float axis[3] = {0, 0, 1};  // unit; of distant lights: from the light, any length
   float cosOuter = 0, cosInner = 0, beam = 2;
 };
@@ -41,6 +41,10 @@ struct HandTask {
   void (*ask)(HandRays&) = nullptr;
   /// A filtered colour of the texture for each point, `changes` per cell: s by u, t by u, s by v, t by v.
   void (*texture)(const HandTask&, const float* const changes[4], float* const color[3]) = nullptr;
+  /// Points of an area light's geometry, their unit normals and what they dim the light by, for a pair of
+  /// random numbers each.
+  void (*emitters)(const HandTask&, const float* const pair[2], float* const P[3], float* const N[3],
+                   float* factor) = nullptr;
   float Ka = 1, Kd = 1, Ks = 0.5f, Kr = 1, Kt = 1, roughness = 0.1f, ior = 1.5f;
   float specularColor[3] = {1, 1, 1}, color[3] = {0, 0, 0};  // the second: background, dark or mortar colour
   float frequency = 8, octaves = 10, samples = 4, distance = 1, nearClip = 1, farClip = 11, density = 0.2f,

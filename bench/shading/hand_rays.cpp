@@ -6,11 +6,6 @@ namespace fr::FR_ISA {
 namespace {
 constexpr uint32_t kStride = 1056;
 
-FR_INLINE uint64_t mixed(uint64_t x) {
-  x ^= x >> 33, x *= 0xff51afd7ed558ccdull;
-  x ^= x >> 33, x *= 0xc4ceb9fe1a85ec53ull;
-  return x ^ (x >> 33);
-}
 /// Half the larger side of each point's cell.
 void cellRadius(const HandTask& t, float* radius, float* work) {
   for (uint32_t c = 0; c < 3; ++c) cellChanges(t, t.P[c], work + c * kStride, work + (3 + c) * kStride);
@@ -136,24 +131,6 @@ void handGlass(const HandTask& t) {
   }
 }
 
-namespace {
-FR_INLINE VU reversedBits(VU x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-FR_INLINE VU scrambled(VU x, VU seed) {
-  x = reversedBits(x) + seed;
-  x ^= x * 0x6c50b47cu;
-  x ^= x * 0xb82f1e52u;
-  x ^= x * 0xc7afe638u;
-  x ^= x * 0x8d22f6e6u;
-  return reversedBits(x);
-}
-}  // namespace
-
 void handOccluded(const HandTask& t) {
   float* const at0 = t.scratch + 16;
   float *const hidden = at0 + 15 * kStride, *const radius = at0 + 14 * kStride;
@@ -171,13 +148,8 @@ void handOccluded(const HandTask& t) {
         r.seed[i + j] = h;
         seed[j] = uint32_t(h >> 32);
       }
-      const VU shuffled = scrambled(splatUint(k), noiseHash(seed));
-      // The second dimension of Sobol's sequence: Pascal's triangle modulo 2.
-      VU y = reversedBits(shuffled);
-      y ^= (y >> 1) & 0x55555555u, y ^= (y >> 2) & 0x33333333u, y ^= (y >> 4) & 0x0f0f0f0fu;
-      y ^= (y >> 8) & 0x00ff00ffu, y ^= y >> 16;
-      const V u = toFloat((VI)(scrambled(reversedBits(shuffled), seed + 1u) >> 8)) * 0x1p-24f;
-      const V v = toFloat((VI)(scrambled(y, seed + 2u) >> 8)) * 0x1p-24f;
+      V u, v;
+      sobolPair(k, seed, u, v);
       const V rho = rawSqrt(u), z = vsqrt(1.0f - u);
       V s, c;
       sinCos(v * 6.2831853f, s, c);

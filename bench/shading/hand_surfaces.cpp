@@ -35,6 +35,35 @@ void handMatte(const HandTask& t) {
   }
 }
 
+void handMatteByArea(const HandTask& t) {
+  constexpr uint32_t stride = 1056;
+  float* const at0 = t.scratch + 16;
+  const auto column = [&](uint32_t c) { return at0 + c * stride; };
+  float *const pair[2] = {column(0), column(1)}, *const factor = column(2);
+  float *const P[3] = {column(3), column(4), column(5)}, *const N[3] = {column(6), column(7), column(8)};
+  for (uint32_t i = 0; i < t.count; i += kLanes) {
+    VU seed;
+    for (uint32_t j = 0; j < kLanes; ++j) {
+      const uint64_t h = mixed(t.seed[i + j] * 0x9e3779b97f4a7c15ull + 1);
+      seed[j] = uint32_t(mixed(h * 0x9e3779b97f4a7c15ull + 2) >> 32);
+    }
+    V u, v;
+    sobolPair(0, seed, u, v);
+    put(pair[0], i, u), put(pair[1], i, v);
+  }
+  t.emitters(t, pair, P, N, factor);
+  const V3 color = splat3(t.lights[0].color);
+  for (uint32_t i = 0; i < t.count; i += kLanes) {
+    const V3 n = towards(unit(at(t.N, i)), at(t.I, i)), Os = at(t.Os, i), toLight = sub(at(P, i), at(t.P, i));
+    const V d = dot(toLight, n), d2 = dot(toLight, toLight);
+    const VI lit = (d > 0.0f) & (dot(toLight, at(N, i)) < 0.0f);
+    const V cosine = select(lit, d / rawSqrt(d2), V{});
+    const V3 diffuse = scale(color, cosine * at(factor, i) / d2);
+    put(t.Oi, i, Os);
+    put(t.Ci, i, mul(mul(Os, at(t.Cs, i)), scale(diffuse, splat(t.Kd))));
+  }
+}
+
 void handMetal(const HandTask& t) {
   const V3 ambient = scale(ambientLight(t), splat(t.Ka));
   const V exponent = splat(1.0f / t.roughness);

@@ -95,6 +95,15 @@ class PointEmitter final : public Emitter {
   }
 };
 
+/// The same for those who write by hand.
+void onePoint(const HandTask& t, const float* const*, float* const P[3], float* const N[3], float* factor) {
+  for (uint32_t c = 0; c < 3; ++c) {
+    std::fill_n(P[c], t.count, 0.0f);
+    std::fill_n(N[c], t.count, c == 2 ? 1.0f : 0.0f);
+  }
+  std::fill_n(factor, t.count, 1.0f);
+}
+
 /// The same points for both sides: a bent sheet, normals that are not unit, colours.
 struct Points {
   explicit Points(uint32_t n)
@@ -151,7 +160,7 @@ struct Points {
     for (uint32_t i = 0; i < f.lanes; ++i) seeds[i] = b.seed[i];
     rays.seed = seeds.data() + 0, rays.lane = lane.data();
     raySeeds = seeds, t.seed = raySeeds.data();
-    t.rays = &rays, t.ask = &missAll, t.texture = &lookUp;
+    t.rays = &rays, t.ask = &missAll, t.texture = &lookUp, t.emitters = &onePoint;
     t.scratch = column();
     at += 24 * size_t(kColumn);
   }
