@@ -64,15 +64,15 @@ enum class Helper : uint32_t {
 enum class ColorSpace : uint32_t { kRgb, kHsv, kHsl, kXyz, kXyY, kYiq };
 
 /// Differences between neighbours: out[i] = (x[hi[i]] - x[lo[i]]) * scale[i] * cell[i], for columns of
-/// `lanes` floats. A neighbour that is not active is replaced by the point itself; what is left of a central
-/// difference is then twice as steep.
+/// `lanes` floats, one for each component. A neighbour that is not active is replaced by the point itself;
+/// what is left of a central difference is then twice as steep.
 struct Difference {
   const float* x = nullptr;
   const uint16_t *lo = nullptr, *hi = nullptr;
-  const float *scale = nullptr, *cell = nullptr;  // cell may be nullptr: 1
-  const int32_t* mask = nullptr;                  // nullptr: all neighbours are active
-  uint32_t lanes = 0;
-  float* out = nullptr;  // another column than x
+  const float *scale = nullptr, *cell = nullptr;                        // cell may be nullptr: 1
+  const int32_t* mask = nullptr;                                        // nullptr: all neighbours are active
+  uint32_t lanes = 0, components = 1, component = 0, outComponent = 0;  // the last two: from one to the next
+  float* out = nullptr;                                                 // other columns than x
 };
 
 /// A column of hashes: hashStep(base, site), then a step down to `counter` or `next` where there is one.
@@ -132,6 +132,8 @@ struct KernelTable {
   void (*rare[size_t(RareCase::kCount)])(const float* in, float* results, const int32_t* where) = {};
   uint32_t lanes = 0;  // of one vector
   void (*difference)(const Difference& d) = nullptr;
+  /// `factor` times the cross product of two differences of three components, to u.out.
+  void (*crossOfDifferences)(const Difference& u, const Difference& v, float factor) = nullptr;
   void (*hashSeeds)(const SeedHash& s) = nullptr;
   void (*sobolPairs)(const SobolPairs& s) = nullptr;
   void (*footprints)(const Footprints& f) = nullptr;

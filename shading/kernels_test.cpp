@@ -277,6 +277,64 @@ TEST(Kernels, SeedsAndPairsAreThoseOfTheScalarFunctions) {
     }
 }
 
+TEST(Kernels, DifferencesOfRowsOfAnyLength) {
+  constexpr uint32_t n = 128;
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> value(-1, 1);
+  for (const uint32_t row : {1u, 2u, 3u, 7u, 8u, 9u, 16u, 31u}) {
+    Columns registers(n);
+    const Operand x = registers.varying(3), out = registers.varying(3), cross = registers.varying(3);
+    std::vector<uint16_t> lo[2], hi[2];
+    std::vector<float> scale, cell;
+    std::vector<int32_t> mask;
+    for (uint32_t i = 0; i < n; ++i) {
+      const uint32_t at[2] = {i % row, i / row}, step[2] = {1, row};
+      for (int d = 0; d < 2; ++d) {
+        lo[d].push_back(uint16_t(at[d] > 0 ? i - step[d] : i));
+        hi[d].push_back(uint16_t((d == 0 ? at[0] + 1 < row : i + row < n) ? i + step[d] : i));
+      }
+      for (uint32_t c = 0; c < 3; ++c) x.comp(c)[i] = value(random);
+      scale.push_back(value(random)), cell.push_back(value(random));
+      mask.push_back(random() % 4 ? -1 : 0);
+    }
+    for (const bool masked : {false, true})
+      for (const int isa : availableSets()) {
+        Difference d[2];
+        for (int k = 0; k < 2; ++k) {
+          d[k].x = x.data, d[k].component = n, d[k].components = 3, d[k].lanes = n;
+          d[k].lo = lo[k].data(), d[k].hi = hi[k].data(), d[k].scale = scale.data();
+          d[k].cell = k == 0 ? cell.data() : nullptr;
+          d[k].mask = masked ? mask.data() : nullptr;
+        }
+        const auto want = [&](int k, uint32_t i, uint32_t c) {
+          uint32_t a = lo[k][i], b = hi[k][i];
+          float s = scale[i] * (k == 0 ? cell[i] : 1.0f);
+          if (masked) {
+            const bool one = !mask[a] || !mask[b];
+            if (one && a != i && b != i) s *= 2;
+            if (!mask[a]) a = i;
+            if (!mask[b]) b = i;
+          }
+          return (x.at(b, c) - x.at(a, c)) * s;
+        };
+        for (int k = 0; k < 2; ++k) {
+          d[k].out = out.data, d[k].outComponent = n;
+          kernelsOf(isa).difference(d[k]);
+          for (uint32_t i = 0; i < n; ++i)
+            for (uint32_t c = 0; c < 3; ++c)
+              ASSERT_EQ(out.at(i, c), want(k, i, c)) << isa << ' ' << row << ' ' << i << ' ' << c;
+        }
+        d[0].out = cross.data, d[0].outComponent = n;
+        kernelsOf(isa).crossOfDifferences(d[0], d[1], -1.0f);
+        for (uint32_t i = 0; i < n; ++i)
+          for (uint32_t c = 0; c < 3; ++c) {
+            const uint32_t y = (c + 1) % 3, z = (c + 2) % 3;
+            ASSERT_EQ(cross.at(i, c), -(want(0, i, y) * want(1, i, z) - want(0, i, z) * want(1, i, y)));
+          }
+      }
+  }
+}
+
 TEST(Kernels, RaysHaveTheSameBitsOnEverySet) {
   constexpr uint32_t n = 64, row = 8;
   Columns registers(n);
@@ -327,7 +385,21 @@ TEST(Kernels, RaysHaveTheSameBitsOnEverySet) {
       for (int c = 0; c < 3; ++c) r.origin[c] = column(5 + c), r.to[c] = column(8 + c);
       r.rayRadius = column(11), r.raySpread = column(12), r.pair[0] = column(13), r.pair[1] = column(14);
       r.onSurface = on.data();
-      kernelsOf(isa).makeRays(r);
+      // Several samples at once are those of one after the other.
+      std::vector<float> together(15 * n);
+      RayMaking three = r;
+      for (int c = 0; c < 3; ++c) three.to[c] = together.data() + c * n;
+      for (int c = 0; c < 2; ++c) three.pair[c] = together.data() + (3 + c) * n;
+      three.many = 3, three.next = 5 * n;
+      kernelsOf(isa).makeRays(three);
+      for (uint32_t k = 0; k < 3; ++k) {
+        r.sample = three.sample + k;
+        kernelsOf(isa).makeRays(r);
+        for (uint32_t c = 0; c < 5; ++c)
+          ASSERT_EQ(std::memcmp(together.data() + (k * 5 + c) * n, c < 3 ? r.to[c] : r.pair[c - 3],
+                                n * sizeof(float)),
+                    0);
+      }
       for (uint32_t i = 0; i < n; ++i) {
         column(15)[i] = float(on[i]);
         EXPECT_NE(on[i] != 0, i == 62) << "starts at its point";

@@ -237,8 +237,9 @@ class Machine {
   void derivativeOp(Frame& f, const Step& s);
   static void fillFromNeighbours(const Frame& f, const DerivativeStencil& d, const Operand& normal);
   void filterStep(Frame& f, const Step& s);
-  void difference(const Frame& f, const Operand& x, uint32_t component, bool alongV, bool perCell,
-                  float* out) const;
+  Difference differenceOf(const Frame& f, const Operand& x, bool alongV) const;
+  void difference(const Frame& f, const Operand& x, uint32_t components, bool alongV, bool perCell,
+                  const Operand& out) const;
   // machine_shadeop.cpp
   void shadeopCall(Frame& f, const Step& s);
   void callByPoint(Frame& f, const Step& s, bool varying);

@@ -41,24 +41,32 @@ float stepIntegral(StepFilter filter, float x) {
 }
 }  // namespace
 
-/// The change of one component of x from neighbour to neighbour along u (or v): per unit of u, or with
-/// `perCell` from one cell to the next. Neighbours that are not active have no defined value: the difference
-/// is then one-sided, or 0.
-void Machine::difference(const Frame& f, const Operand& x, uint32_t component, bool alongV, bool perCell,
-                         float* out) const {
+/// The change of x from neighbour to neighbour along u (or v). Neighbours that are not active have no defined
+/// value: the difference is then one-sided, or 0.
+Difference Machine::differenceOf(const Frame& f, const Operand& x, bool alongV) const {
+  const DerivativeStencil& d = *batch_.stencil;
+  Difference q;
+  q.x = x.data, q.component = x.component;
+  q.lo = (alongV ? d.vLo : d.uLo).data(), q.hi = (alongV ? d.vHi : d.uHi).data();
+  q.scale = (alongV ? d.vScale : d.uScale).data();
+  const bool whole = f.activeCount >= d.used;
+  q.mask = whole ? nullptr : f.mask;
+  q.lanes = f.lanes();
+  return q;
+}
+
+/// Per unit of u, or with `perCell` from one cell to the next.
+void Machine::difference(const Frame& f, const Operand& x, uint32_t components, bool alongV, bool perCell,
+                         const Operand& out) const {
   const DerivativeStencil* const d = batch_.stencil;
   if (!d || !x.varying()) {
-    std::fill_n(out, f.lanes(), 0.0f);
+    for (uint32_t c = 0; c < components; ++c) std::fill_n(out.comp(c), f.lanes(), 0.0f);
     return;
   }
-  Difference q;
-  q.x = x.comp(component);
-  q.lo = (alongV ? d->vLo : d->uLo).data(), q.hi = (alongV ? d->vHi : d->uHi).data();
-  q.scale = (alongV ? d->vScale : d->uScale).data();
+  Difference q = differenceOf(f, x, alongV);
   q.cell = perCell ? (alongV ? d->vCell : d->uCell).data() : nullptr;
-  const bool whole = kernels().countActive(f.mask, f.lanes()) >= d->used;
-  q.mask = whole ? nullptr : f.mask;
-  q.lanes = f.lanes(), q.out = out;
+  q.components = components;
+  q.out = out.data, q.outComponent = out.component;
   kernels().difference(q);
 }
 
@@ -101,9 +109,7 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
     case Op::dv_f:
     case Op::dv_t: {
       const bool aside = !result.varying() || (result.data == a[1].data);
-      for (uint32_t c = 0; c < components; ++c)
-        difference(f, a[1], c, s.op == Op::dv_f || s.op == Op::dv_t, false,
-                   aside ? first.comp(c) : result.comp(c));
+      difference(f, a[1], components, s.op == Op::dv_f || s.op == Op::dv_t, false, aside ? first : result);
       if (!aside) return;
       break;
     }
@@ -111,10 +117,10 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
     case Op::deriv_t:
       for (const bool alongV : {false, true}) {
         const Operand& sum = alongV ? second : first;
-        difference(f, a[2], 0, alongV, false, third.data);
+        difference(f, a[2], 1, alongV, false, third);
+        difference(f, a[1], components, alongV, false, sum);
         for (uint32_t c = 0; c < components; ++c) {
           const Operand part{sum.comp(c), n, ~0u};
-          difference(f, a[1], c, alongV, false, part.data);
           kernel(Op::div_f, {part, part, third});
         }
       }
@@ -124,23 +130,28 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
       }
       break;
     case Op::area:
-    case Op::calculatenormal:
-      for (uint32_t c = 0; c < 3; ++c) {
-        difference(f, a[1], c, false, false, first.comp(c));
-        difference(f, a[1], c, true, false, second.comp(c));
+    case Op::calculatenormal: {
+      const bool normal = s.op == Op::calculatenormal;
+      const bool aside = !normal || !result.varying() || result.data == a[1].data;
+      const Operand& cross = aside ? third : result;
+      if (d && a[1].varying()) {
+        Difference alongU = differenceOf(f, a[1], false);
+        alongU.out = cross.data, alongU.outComponent = cross.component;
+        kernels().crossOfDifferences(alongU, differenceOf(f, a[1], true), normal ? batch_.orientation : 1.0f);
+        if (normal) fillFromNeighbours(f, *d, cross);
+      } else {
+        const float none = normal ? 0.0f * batch_.orientation : 0.0f;
+        for (uint32_t c = 0; c < 3; ++c) std::fill_n(cross.comp(c), n, none);
       }
-      kernel(Op::cross, {third, first, second});
+      if (!aside) return;
       from = third.data;
-      if (s.op == Op::calculatenormal && d && a[1].varying()) fillFromNeighbours(f, *d, third);
-      if (s.op == Op::area) {
+      if (!normal) {
         kernel(Op::length, {first, third});
         from = first.data;
         for (uint32_t i = 0; i < n; ++i) first.data[i] *= d ? std::fabs(d->uCell[i] * d->vCell[i]) : 0.0f;
-      } else {
-        if (batch_.orientation != 1.0f)
-          for (uint32_t i = 0; i < 3 * n; ++i) third.data[i] *= batch_.orientation;
       }
       break;
+    }
     default:
       return filterStep(f, s);
   }
@@ -157,7 +168,8 @@ void Machine::filterStep(Frame& f, const Step& s) {
   const uint32_t lanes = a[0].varying() ? n : kLanePad;
   scratch_.reserve(size_t(n) * 12);
   float *const du = scratch_.data(), *const dv = du + n, *const out = dv + n;
-  if (!two) difference(f, a[2], 0, false, true, du), difference(f, a[2], 0, true, true, dv);
+  if (!two)
+    difference(f, a[2], 1, false, true, {du, n, ~0u}), difference(f, a[2], 1, true, true, {dv, n, ~0u});
   for (uint32_t i = 0; i < lanes; ++i) {
     float w = two ? std::fabs(a[3].at(i) - a[2].at(i)) : std::fabs(du[i]) + std::fabs(dv[i]);
     const float x = two ? 0.5f * (a[3].at(i) + a[2].at(i)) : a[2].at(i);

@@ -167,8 +167,9 @@ void Machine::textureOp(Frame& f, const Step& s) {
     const Operand& place = a[shape.triples ? shape.place : shape.place + c];
     const uint32_t component = shape.triples ? c : 0;
     if (!shape.corners) {
-      difference(f, place, component, false, true, column(kDx + c));
-      difference(f, place, component, true, true, column(kDy + c));
+      const Operand changing{place.comp(component), place.component, place.indexMask};
+      difference(f, changing, 1, false, true, {column(kDx + c), f.lanes(), ~0u});
+      difference(f, changing, 1, true, true, {column(kDy + c), f.lanes(), ~0u});
     }
     call.place[c] = shape.corners ? FrLanes{column(kMiddle + c), ~0u} : lanesOf(place, component);
     call.placeDx[c] = {column(kDx + c), ~0u};

@@ -259,10 +259,11 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
 
 TEST_F(NativeRuns, WhatIsSentToALightIsForgottenBehindTheLoop) {
   MachineFixture f(7, 7);
-  const auto light = f.shader("light l(float k = 1) { illuminate (point (0, 0, -3)) Cl = k; }");
+  const auto light =
+      f.shader("light l(float k = 1) { illuminate (point (0, 0, -3)) { Cl = k; if (k > 2) Cl = 5; } }");
   const auto s = f.shader(
       "surface t() { float a = 0, b = 0, c = 0; illuminance (P) { a += comp(Cl, 0); }"
-      " illuminance (P, \"send:k\", 5) { b += comp(Cl, 0); } illuminance (P) { c += comp(Cl, 0); }"
+      " illuminance (P, \"send:k\", 3) { b += comp(Cl, 0); } illuminance (P) { c += comp(Cl, 0); }"
       " Ci = color (a, b, c); }");
   ASSERT_TRUE(light && s) << f.error;
   for (int batch = 0; batch < 2; ++batch) {
@@ -291,6 +292,32 @@ TEST_F(NativeRuns, LightLoopsBehindRaysAreMachineCode) {
   bool lit = false;
   for (uint32_t i = 0; i < s->program().code.size(); ++i) lit |= code->at(i) && code->at(i)->lights > 0;
   EXPECT_TRUE(lit);
+}
+
+TEST_F(NativeRuns, NumbersDecideBranchesButNotWherePointsDiffer) {
+  MachineFixture f(7, 7);
+  const std::string source =
+      "surface t(float k = 1) { Ci = color (u, v, 0); if (k > 2) Ci = trace(P, N) + 5; else if (0 < k) Ci += "
+      "1; }";
+  const auto number = [](float k) { return ParameterSetting{"k", {SlType::kFloat, 0, {k}, {}}}; };
+  for (const float k : {-1.0f, 1.0f, 3.0f}) {
+    const auto s = f.shader(source, {number(k)});
+    ASSERT_TRUE(s) << f.error;
+    f.run(*s);
+    EXPECT_EQ(f.suspensions, k > 2 ? 1 : 0);
+    EXPECT_EQ(f.Ci(9, 0), k > 2 ? 5 : k > 0 ? 1 + 1 / 7.0f : 1 / 7.0f);
+    EXPECT_EQ(f.machine.code()->runCount(), k > 2 ? 2u : 1u);
+  }
+  // A primitive variable in the place of the parameter.
+  const auto s = f.shader(source, {}, {"k"});
+  ASSERT_TRUE(s) << f.error;
+  alignas(64) std::array<float, 64> values;
+  for (uint32_t i = 0; i < 64; ++i) values[i] = float(i % 4) - 0.5f;
+  const Batch::Override overrides[] = {{0, Operand{values.data(), 64, ~0u}}};
+  f.batch.overrides = overrides;
+  f.run(*s);
+  for (uint32_t i = 0; i < 64; ++i)
+    EXPECT_EQ(f.Ci(i, 1), values[i] > 2 ? 5 : float(i / 8) / 7 + (values[i] > 0 ? 1 : 0)) << i;
 }
 
 /// A light shader with local variables, textures and rays that its text parameter switches off is written

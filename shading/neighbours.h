@@ -8,9 +8,9 @@
 namespace fr::FR_ISA {
 
 FR_INLINE VI laneNumbers(uint32_t first) {
-  VI lane;
-  for (uint32_t k = 0; k < kLanes; ++k) lane[k] = int32_t(first + k);
-  return lane;
+  VI lane{};  // a constant, but for `first`
+  for (uint32_t k = 0; k < kLanes; ++k) lane[k] = int32_t(k);
+  return lane + int32_t(first);
 }
 FR_INLINE VI loadIndices(const uint16_t* at) {
   typedef uint16_t Narrow __attribute__((vector_size(kLanes * 2)));
@@ -35,22 +35,60 @@ FR_INLINE V gather(const float* x, VI index) {
   return r;
 #endif
 }
+/// The lanes of `wanted`; others are not touched, and are `other`.
+FR_INLINE V loadSome(const float* at, VI wanted, V other) {
+#if defined(FR_ISA_avx512)
+  return (V)_mm512_mask_loadu_ps((__m512)other, _mm512_movepi32_mask((__m512i)wanted), at);
+#elif defined(FR_ISA_avx2)
+  return select(wanted, (V)_mm256_maskload_ps(at, (__m256i)wanted), other);
+#else
+  for (uint32_t k = 0; k < kLanes; ++k)
+    if (wanted[k]) other[k] = at[k];
+  return other;
+#endif
+}
 
-/// The neighbours of a vector of points. They mostly follow one another, and a plain load is much cheaper
-/// than a gather.
+/// The neighbours of a vector of points, the first of which is `first`. They mostly follow one another, but
+/// for those at borders, who are their own; and plain loads are much cheaper than a gather.
 struct Neighbours {
-  VI index;
-  bool inRow;
+  enum class Kind : uint8_t { kRow, kBorder, kAny } kind;
+  VI index, others;  // kBorder: who has a neighbour
+  uint32_t first;
+  int32_t step;  // from a point to its neighbour
 };
-FR_INLINE Neighbours neighbours(VI index) {
-  const VI row = index[0] + laneNumbers(0);
-  return {index, !anyLane(index != row)};
+FR_INLINE Neighbours neighbours(VI index, uint32_t first) {
+  const VI self = laneNumbers(first);
+  const int32_t step = index[kLanes / 2] - int32_t(first + kLanes / 2);
+  const VI others = index != self;
+  Neighbours n{Neighbours::Kind::kRow, index, others, first, step};
+  const VI regular = index == self + step;
+  if (anyLane(~regular))
+    n.kind = anyLane(others & ~regular) ? Neighbours::Kind::kAny : Neighbours::Kind::kBorder;
+  return n;
 }
 FR_INLINE V fetch(const float* x, const Neighbours& n) {
-  return n.inRow ? loadLoose(x + n.index[0]) : gather(x, n.index);
+  const float* const at = x + n.first;
+  switch (n.kind) {
+    case Neighbours::Kind::kRow:
+      return loadLoose(at + n.step);
+    case Neighbours::Kind::kBorder:
+      return loadSome(at + n.step, n.others, loadLoose(at));
+    default:
+      return gather(x, n.index);
+  }
 }
 FR_INLINE V3 fetch3(const float* x, uint32_t component, const Neighbours& n) {
-  return {fetch(x, n), fetch(x + component, n), fetch(x + 2 * size_t(component), n)};
+  const float* const at[] = {x, x + component, x + 2 * size_t(component)};
+  switch (n.kind) {
+    case Neighbours::Kind::kRow: {
+      const size_t first = size_t(int64_t(n.first) + n.step);
+      return {loadLoose(at[0] + first), loadLoose(at[1] + first), loadLoose(at[2] + first)};
+    }
+    case Neighbours::Kind::kBorder:
+      return {fetch(at[0], n), fetch(at[1], n), fetch(at[2], n)};
+    default:
+      return {gather(at[0], n.index), gather(at[1], n.index), gather(at[2], n.index)};
+  }
 }
 
 }  // namespace fr::FR_ISA

@@ -97,7 +97,7 @@ FR_INLINE V3 stepFrom(const Footprints& f, V3 here, uint32_t i, VI lo, VI hi) {
   const VI atLow = lo == self, edge = atLow ^ (hi == self);
   const V3 none{V{}, V{}, V{}};
   if (!anyLane(edge)) return none;
-  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(atLow ? hi : lo)), here);
+  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(atLow ? hi : lo, i)), here);
   const V size = rawSqrt(dot(side, side));
   // Of the cell, but not lost in rounding far from the origin.
   const V far = vmax(vabs(here.x), vmax(vabs(here.y), vabs(here.z)));
@@ -106,8 +106,8 @@ FR_INLINE V3 stepFrom(const Footprints& f, V3 here, uint32_t i, VI lo, VI hi) {
 }
 FR_INLINE V squaredSide(const Footprints& f, uint32_t i, int d) {
   const VI lo = loadIndices(f.lo[d] + i), hi = loadIndices(f.hi[d] + i);
-  const V3 side =
-      sub(fetch3(f.P.data, f.P.component, neighbours(hi)), fetch3(f.P.data, f.P.component, neighbours(lo)));
+  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(hi, i)),
+                      fetch3(f.P.data, f.P.component, neighbours(lo, i)));
   const V3 cell = scale(side, loadLoose(f.scale[d] + i) * loadLoose(f.cell[d] + i));
   return dot(cell, cell);
 }
@@ -169,8 +169,8 @@ FR_INLINE V3 sampleCone(V3 d, V3 x, V3 y, const Cone& cone, bool cosine, V u, V 
 /// The square of how much directions turn over the footprint, along one parameter.
 FR_INLINE V squaredTurn(const RayMaking& r, uint32_t i, int d) {
   const VI lo = loadIndices(r.lo[d] + i), hi = loadIndices(r.hi[d] + i);
-  const V3 turn = sub(fetch3(r.unit.data, r.unit.component, neighbours(hi)),
-                      fetch3(r.unit.data, r.unit.component, neighbours(lo)));
+  const V3 turn = sub(fetch3(r.unit.data, r.unit.component, neighbours(hi, i)),
+                      fetch3(r.unit.data, r.unit.component, neighbours(lo, i)));
   const V size = loadLoose(r.scale[d] + i) * loadLoose(r.cell[d] + i);
   const V squared = dot(turn, turn) * size * size * 0.25f;
   VI known = isFinite(squared);

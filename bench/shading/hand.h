@@ -36,7 +36,8 @@ struct HandTask {
   const HandLight* lights = nullptr;
   uint32_t lightCount = 0;
   const uint64_t* seed = nullptr;
-  float* scratch = nullptr;  // 24 columns of 1024 + 32 floats
+  const uint32_t* calls = nullptr;  // of random(), by each point
+  float* scratch = nullptr;         // 24 columns of 1024 + 32 floats
   HandRays* rays = nullptr;
   void (*ask)(HandRays&) = nullptr;
   /// A filtered colour of the texture for each point, `changes` per cell: s by u, t by u, s by v, t by v.

@@ -1,15 +1,16 @@
 #include "bench/shading/hand.h"
 
-#define FR_HAND_SHADERS(X)                                                                                  \
-  X(constant, Constant)                                                                                     \
-  X(null, Null)                                                                                             \
-  X(defaultsurface, DefaultSurface)                                                                         \
-  X(matte, Matte)                                                                                           \
-  X(matteByArea, MatteByArea) X(metal, Metal) X(plastic, Plastic) X(paintedplastic, PaintedPlastic)         \
-      X(texture, Texture) X(checker, Checker) X(bumpy, Bumpy) X(fbm, Fbm) X(marble, Marble) X(brick, Brick) \
-          X(fog, Fog) X(depthcue, Depthcue) X(smoke, Smoke) X(background, Background)                       \
-              X(clamptoalpha, ClampToAlpha) X(mirror, Mirror) X(shiny, Shiny) X(shinymetal, ShinyMetal)     \
-                  X(glass, Glass) X(occluded, Occluded)
+#define FR_HAND_SHADERS(X)                                                                              \
+  X(constant, Constant)                                                                                 \
+  X(null, Null)                                                                                         \
+  X(defaultsurface, DefaultSurface)                                                                     \
+  X(matte, Matte)                                                                                       \
+  X(matteByArea, MatteByArea)                                                                           \
+  X(metal, Metal) X(plastic, Plastic) X(paintedplastic, PaintedPlastic) X(texture, Texture)             \
+      X(checker, Checker) X(bumpy, Bumpy) X(fbm, Fbm) X(marble, Marble) X(brick, Brick) X(fog, Fog)     \
+          X(depthcue, Depthcue) X(smoke, Smoke) X(background, Background) X(clamptoalpha, ClampToAlpha) \
+              X(mirror, Mirror) X(shiny, Shiny) X(shinymetal, ShinyMetal) X(glass, Glass)               \
+                  X(occluded, Occluded)
 
 namespace fr {
 

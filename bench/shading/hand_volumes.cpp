@@ -31,9 +31,9 @@ void handSmoke(const HandTask& t) {
     const V ds = distance / steps, inv = 1.0f / steps;
     V random;
     for (uint32_t k = 0; k < kLanes; ++k) {
-      uint64_t h = t.seed[i + k] * 0x9e3779b97f4a7c15ull + 0x632be59bd9b4e019ull;
-      h ^= h >> 33, h *= 0xff51afd7ed558ccdull, h ^= h >> 33, h *= 0xc4ceb9fe1a85ec53ull;
-      random[k] = float(uint32_t(h >> 40)) * 0x1p-24f;
+      // Of the point, the call and how often this point was there.
+      const uint64_t h = mixed(t.seed[i + k] * 0x9e3779b97f4a7c15ull + 1);
+      random[k] = float(uint32_t(mixed(h * 0x9e3779b97f4a7c15ull + t.calls[i + k]) >> 40)) * 0x1p-24f;
     }
     V3 lit{};
     V through = splat(1);

@@ -160,6 +160,7 @@ struct Points {
     for (uint32_t i = 0; i < f.lanes; ++i) seeds[i] = b.seed[i];
     rays.seed = seeds.data() + 0, rays.lane = lane.data();
     raySeeds = seeds, t.seed = raySeeds.data();
+    calls.assign(kColumn, 0), t.calls = calls.data();
     t.rays = &rays, t.ask = &missAll, t.texture = &lookUp, t.emitters = &onePoint;
     t.scratch = column();
     at += 24 * size_t(kColumn);
@@ -176,7 +177,7 @@ struct Points {
   HandTask task;
   HandRays rays;
   std::vector<uint64_t> seeds, raySeeds;
-  std::vector<uint32_t> lane;
+  std::vector<uint32_t> lane, calls;
   std::vector<float> memory;
   alignas(64) std::array<float, 4 * 1024> extra{};
 };
