@@ -158,6 +158,13 @@ void addRare(KernelTable& t) {
 }
 #endif
 
+#ifndef FR_ISA_recorded
+FR_INLINE uint32_t total(VI lanes) {
+  uint32_t n = 0;
+  for (uint32_t k = 0; k < kLanes; ++k) n += uint32_t(lanes[k]);
+  return n;
+}
+#endif
 void addMasks(KernelTable& t) {
   const auto slot = [&t](Helper h) -> Kernel& { return t.helper[size_t(h)]; };
   FR_KERNEL(slot(Helper::maskAndNonZero), 3,
@@ -196,9 +203,17 @@ void addMasks(KernelTable& t) {
   t.countActive = [](const int32_t* mask, uint32_t lanes) {
     VI sum{};
     for (uint32_t i = 0; i < lanes; i += kLanes) sum -= loadMask(mask, i);
-    uint32_t n = 0;
-    for (uint32_t k = 0; k < kLanes; ++k) n += uint32_t(sum[k]);
-    return n;
+    return total(sum);
+  };
+  t.copyMask = [](int32_t* to, const int32_t* from, uint32_t lanes) {
+    VI sum{};
+    for (uint32_t i = 0; i < lanes; i += kLanes) {
+      VI m;
+      std::memcpy(&m, from + i, sizeof m);
+      *reinterpret_cast<VI*>(to + i) = m;
+      sum -= m;
+    }
+    return total(sum);
   };
 #endif
 }

@@ -114,10 +114,9 @@ void Frame::prepare(const ShaderInstance& instance, uint32_t lanes, bool sent) {
 }
 
 void Frame::start(const int32_t* startMask) {
-  std::memcpy(mask, startMask, lanes_ * sizeof(int32_t));
+  activate(startMask);
   pc = exe().program().bodyBegin;
   end = uint32_t(exe().program().code.size());
-  countActive();
   depth = 0;
   rayPhase = raySample = 0;
   solar = false;

@@ -98,6 +98,10 @@ class Frame {
     activeCount = kernels().countActive(mask, lanes_);
     active = activeCount != 0;
   }
+  void activate(const int32_t* points) {
+    activeCount = kernels().copyMask(mask, points, lanes_);
+    active = activeCount != 0;
+  }
   Control& push(Control::Kind kind);
   void pop() { --depth; }
   Control& top() { return control[depth - 1]; }

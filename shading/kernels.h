@@ -141,6 +141,8 @@ struct KernelTable {
   /// True when any lane of the mask is set.
   bool (*anyActive)(const int32_t* mask, uint32_t lanes) = nullptr;
   uint32_t (*countActive)(const int32_t* mask, uint32_t lanes) = nullptr;
+  /// Counts them on the way.
+  uint32_t (*copyMask)(int32_t* to, const int32_t* from, uint32_t lanes) = nullptr;
 };
 
 /// The table of the instruction set that base/isa.h picks. Thread-safe.

@@ -79,7 +79,9 @@ void Machine::begin(const Batch& batch, const ShaderInstance& shader,
 void Machine::beginWithKernels(const Batch& batch, const ShaderInstance& shader,
                                std::span<const ShaderInstance* const> lights, const Partners& partners) {
   FR_CHECK(batch.lanes % kLanePad == 0 && batch.lanes > 0 && batch.mask);
-  batch_ = batch;
+  // A call: the compiler's own copy of so many bytes takes three times as long to begin.
+  static_assert(std::is_trivially_copyable_v<Batch>);
+  std::memmove(static_cast<void*>(&batch_), &batch, sizeof batch);
   partners_ = partners;
   footprintsKnown_ = false;
   if (!texts_.empty()) texts_.clear();
@@ -259,10 +261,6 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
   const size_t bytes = f.lanes() * sizeof(int32_t);
   const uint32_t lanes = f.lanes();
   const Operand mask = maskOperand(f.mask, lanes);
-  const auto restore = [&](const int32_t* from) {
-    std::memcpy(f.mask, from, bytes);
-    f.countActive();
-  };
   switch (s.op) {
     case Op::if_begin: {
       const Step& partner = f.exe().steps()[s.jump];
@@ -292,12 +290,12 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         f.pc = s.jump;
         break;
       }
-      restore(c.other);
+      f.activate(c.other);
       f.pc = f.active ? f.pc + 1 : s.jump;
       break;
     }
     case Op::if_end:
-      if (f.top().kind == Control::Kind::kIf) restore(f.top().saved);
+      if (f.top().kind == Control::Kind::kIf) f.activate(f.top().saved);
       f.pop();
       ++f.pc;
       break;
@@ -324,7 +322,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         ++f.pc;
         break;
       }
-      restore(f.top().saved);
+      f.activate(f.top().saved);
       f.pop();
       f.pc = s.jump + 1;
       break;
@@ -342,7 +340,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         ++f.pc;
         break;
       }
-      restore(c.saved);
+      f.activate(c.saved);
       f.pop();
       f.pc = s.jump + 1;
       break;
@@ -353,7 +351,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
         reportOnce("shading.turns." + f.exe().program().name,
                    makeError(RiError::kLimit, "shader \"{}\": a loop ran {} times and was ended",
                              f.exe().program().name, c.turns));
-        restore(c.saved);
+        f.activate(c.saved);
         f.pop();
         ++f.pc;
         break;
@@ -414,7 +412,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
       break;
     }
     case Op::inline_end:
-      restore(f.top().saved);
+      f.activate(f.top().saved);
       f.pop();
       ++f.pc;
       break;
@@ -452,7 +450,7 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
     }
     case Op::illuminate_end:
     case Op::solar_end:
-      restore(f.top().saved);
+      f.activate(f.top().saved);
       f.pop();
       ++f.pc;
       break;

@@ -1,5 +1,6 @@
 // Rays from registers: seeds, random numbers, footprints, origins and directions, a vector of points at a
 // time.
+#include "base/sobol_pair.h"
 #include "shading/neighbours.h"
 #include "shading/noise.h"
 
@@ -47,34 +48,12 @@ void hashSeeds(const SeedHash& s) {
 
 // base/sobol.h, dimensions 0 and 1: the same numbers (noiseHash() is mix32()).
 
-FR_INLINE VU reversed(VU x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-FR_INLINE VU laineKarras(VU x, VU seed) {
-  x += seed;
-  x ^= x * 0x6c50b47cu;
-  x ^= x * 0xb82f1e52u;
-  x ^= x * 0xc7afe638u;
-  x ^= x * 0x8d22f6e6u;
-  return x;
-}
 FR_INLINE V unitFloat(VU x) { return toFloat((VI)(x >> 8)) * 0x1p-24f; }
 FR_INLINE void sobolPair(uint32_t index, VU seed, V& x, V& y) {
-  const VU shuffled = reversed(laineKarras(reversed(splatUint(index)), noiseHash(seed)));
-  // Dimension 0 is the index with its bits turned around, so turning it again gives the index.
-  x = unitFloat(reversed(laineKarras(shuffled, noiseHash(seed ^ 0x9e3779b9u))));
-  // Dimension 1, turned around: Pascal's triangle modulo 2 over the bits of the index.
-  VU p = shuffled;
-  p ^= (p >> 1) & 0x55555555u;
-  p ^= (p >> 2) & 0x33333333u;
-  p ^= (p >> 4) & 0x0f0f0f0fu;
-  p ^= (p >> 8) & 0x00ff00ffu;
-  p ^= p >> 16;
-  y = unitFloat(reversed(laineKarras(p, noiseHash(seed ^ 0x3c6ef372u))));
+  VU a, b;
+  sobolOwenPair(
+      splatUint(index), seed, [](VU n) __attribute__((always_inline)) { return noiseHash(n); }, a, b);
+  x = unitFloat(a), y = unitFloat(b);
 }
 void sobolPairs(const SobolPairs& s) {
   for (uint32_t i = 0; i < s.lanes; i += kLanes) {

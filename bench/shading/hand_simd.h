@@ -2,6 +2,7 @@
 // set.
 #pragma once
 
+#include "base/sobol_pair.h"
 #include "bench/shading/hand.h"
 #include "shading/noise.h"
 #include "shading/simd.h"
@@ -67,31 +68,13 @@ FR_INLINE uint64_t mixed(uint64_t x) {
   x ^= x >> 33, x *= 0xc4ceb9fe1a85ec53ull;
   return x ^ (x >> 33);
 }
-FR_INLINE VU reversedBits(VU x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-/// Owen's scramble of a number whose bits are turned around, and turned back.
-FR_INLINE VU scrambled(VU x, VU seed) {
-  x += seed;
-  x ^= x * 0x6c50b47cu;
-  x ^= x * 0xb82f1e52u;
-  x ^= x * 0xc7afe638u;
-  x ^= x * 0x8d22f6e6u;
-  return reversedBits(x);
-}
 /// Point `index` of a scrambled Sobol sequence, its first two dimensions.
 FR_INLINE void sobolPair(uint32_t index, VU seed, V& u, V& v) {
-  const VU x = scrambled(reversedBits(splatUint(index)), noiseHash(seed));
-  // Turned around, the second dimension is Pascal's triangle modulo 2.
-  VU y = x;
-  y ^= (y >> 1) & 0x55555555u, y ^= (y >> 2) & 0x33333333u, y ^= (y >> 4) & 0x0f0f0f0fu;
-  y ^= (y >> 8) & 0x00ff00ffu, y ^= y >> 16;
-  u = toFloat((VI)(scrambled(x, noiseHash(seed ^ 0x9e3779b9u)) >> 8)) * 0x1p-24f;
-  v = toFloat((VI)(scrambled(y, noiseHash(seed ^ 0x3c6ef372u)) >> 8)) * 0x1p-24f;
+  VU x, y;
+  sobolOwenPair(
+      splatUint(index), seed, [](VU n) __attribute__((always_inline)) { return noiseHash(n); }, x, y);
+  u = toFloat((VI)(x >> 8)) * 0x1p-24f;
+  v = toFloat((VI)(y >> 8)) * 0x1p-24f;
 }
 
 FR_INLINE V3 ambientLight(const HandTask& t) {
