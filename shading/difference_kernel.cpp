@@ -24,7 +24,7 @@ FR_INLINE Ends endsOf(const Difference& d, uint32_t i) {
     lo = loActive ? lo : self;
     hi = hiActive ? hi : self;
   }
-  return {neighbours(lo, i), neighbours(hi, i), scale};
+  return {neighbours(lo, d.lo, i), neighbours(hi, d.hi, i), scale};
 }
 
 void difference(const Difference& d) {

@@ -291,7 +291,7 @@ TEST(Kernels, DifferencesOfRowsOfAnyLength) {
       const uint32_t at[2] = {i % row, i / row}, step[2] = {1, row};
       for (int d = 0; d < 2; ++d) {
         lo[d].push_back(uint16_t(at[d] > 0 ? i - step[d] : i));
-        hi[d].push_back(uint16_t((d == 0 ? at[0] + 1 < row : i + row < n) ? i + step[d] : i));
+        hi[d].push_back(uint16_t((d == 0 ? at[0] + 1 < row && i + 1 < n : i + row < n) ? i + step[d] : i));
       }
       for (uint32_t c = 0; c < 3; ++c) x.comp(c)[i] = value(random);
       scale.push_back(value(random)), cell.push_back(value(random));

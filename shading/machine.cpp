@@ -207,7 +207,10 @@ Machine::Next Machine::execute(Frame& f) {
       if (run->lights) {
         statistics_.lightPoints += uint64_t(f.activeCount) * run->lights;
       }
-      run->function(run->readsLights ? columnsWithLights(f) : f.columns(), f.lanes() * sizeof(float), f.mask);
+      float* const* const columns = !run->differences.empty() ? columnsWithDifferences(f, *run)
+                                    : run->readsLights        ? columnsWithLights(f)
+                                                              : f.columns();
+      run->function(columns, f.lanes() * sizeof(float), f.mask);
       f.pc = run->end;
       continue;
     }

@@ -163,6 +163,7 @@ class Machine {
   // machine_light.cpp
   void placeAtOrigin(LightState& l, uint32_t lanes);
   float* const* columnsWithLights(Frame& f);
+  float* const* columnsWithDifferences(Frame& f, const NativeCode::Run& run);
   Next lightTurn(Frame& f);
   Next runLightsAhead(Frame& f, uint32_t loop);
   void beginLight(LightState& l);
@@ -237,6 +238,7 @@ class Machine {
   void derivativeOp(Frame& f, const Step& s);
   static void fillFromNeighbours(const Frame& f, const DerivativeStencil& d, const Operand& normal);
   void filterStep(Frame& f, const Step& s);
+  void derivative(const Frame& f, Op op, const Operand& x, uint32_t components, const Operand& out) const;
   Difference differenceOf(const Frame& f, const Operand& x, bool alongV) const;
   void difference(const Frame& f, const Operand& x, uint32_t components, bool alongV, bool perCell,
                   const Operand& out) const;
@@ -286,7 +288,7 @@ class Machine {
   uint32_t lightCount_ = 0;
   std::vector<Frame*> stack_;
   std::unique_ptr<PendingRays> rays_;
-  AlignedFloats scratch_, footprints_, rayColumns_, sampleColumns_, texture_;
+  AlignedFloats scratch_, differences_, footprints_, rayColumns_, sampleColumns_, texture_;
   bool footprintsKnown_ = false;
   std::unordered_set<std::string> texts_;  // made by this batch; nodes stay where they are
   size_t textBytes_ = 0;

@@ -359,7 +359,11 @@ void Machine::transformOp(Frame& f, const Step& s) {
     // Current space is camera space.
     const Vec2 clip = host_.clipping();
     const float range = clip.y - clip.x;
-    for (uint32_t i = 0; i < lanes; ++i) out.data[i] = range > 0 ? (a[1].at(i, 2) - clip.x) / range : 0.0f;
+    const float* const z = a[1].comp(2);
+    if (!(range > 0) || !a[1].varying())
+      std::fill_n(out.data, lanes, range > 0 ? (z[0] - clip.x) / range : 0.0f);
+    else
+      for (uint32_t i = 0; i < lanes; ++i) out.data[i] = (z[i] - clip.x) / range;
     return;
   }
   const std::string_view from = text(f, s, 1), to = text(f, s, 2);

@@ -76,7 +76,11 @@ void Machine::fillFromNeighbours(const Frame& f, const DerivativeStencil& d, con
   const auto isZero = [&](uint32_t i) {
     return normal.at(i, 0) == 0 && normal.at(i, 1) == 0 && normal.at(i, 2) == 0;
   };
-  for (uint32_t i = 0; i < d.used; ++i) {
+  // Mostly there is none.
+  bool any = false;
+  const float *const x = normal.comp(0), *const y = normal.comp(1), *const z = normal.comp(2);
+  for (uint32_t i = 0; i < d.used; ++i) any |= (x[i] == 0) & (y[i] == 0) & (z[i] == 0);
+  for (uint32_t i = 0; any && i < d.used; ++i) {
     if (f.mask[i] == 0 || !isZero(i)) continue;
     for (const uint16_t j : {d.vHi[i], d.vLo[i], d.uHi[i], d.uLo[i]}) {
       if (f.mask[j] == 0 || isZero(j)) continue;
@@ -84,6 +88,37 @@ void Machine::fillFromNeighbours(const Frame& f, const DerivativeStencil& d, con
       break;
     }
   }
+}
+
+/// Du(), Dv() and calculatenormal() for all points, to other columns than those of x.
+void Machine::derivative(const Frame& f, Op op, const Operand& x, uint32_t components,
+                         const Operand& out) const {
+  if (op != Op::calculatenormal)
+    return difference(f, x, components, op == Op::dv_f || op == Op::dv_t, false, out);
+  if (!batch_.stencil || !x.varying()) {
+    for (uint32_t c = 0; c < 3; ++c) std::fill_n(out.comp(c), f.lanes(), 0.0f * batch_.orientation);
+    return;
+  }
+  Difference alongU = differenceOf(f, x, false);
+  alongU.out = out.data, alongU.outComponent = out.component;
+  kernels().crossOfDifferences(alongU, differenceOf(f, x, true), batch_.orientation);
+  fillFromNeighbours(f, *batch_.stencil, out);
+}
+
+/// The columns of a run, and the differences that it reads behind them.
+float* const* Machine::columnsWithDifferences(Frame& f, const NativeCode::Run& run) {
+  columnsWithLights(f);
+  const uint32_t n = f.lanes();
+  const auto componentsOf = [](Op op) { return op == Op::du_f || op == Op::dv_f ? 1u : 3u; };
+  const uint32_t count = run.differences.back().column + componentsOf(run.differences.back().op);
+  differences_.reserve(size_t(n) * count);
+  if (columns_.size() < run.firstDifference + count) columns_.resize(run.firstDifference + count);
+  for (uint32_t c = 0; c < count; ++c)
+    columns_[run.firstDifference + c] = differences_.data() + size_t(c) * n;
+  for (const RunDifference& d : run.differences)
+    derivative(f, d.op, f.symbol(d.symbol), componentsOf(d.op),
+               {columns_[run.firstDifference + d.column], n, ~0u});
+  return columns_.data();
 }
 
 void Machine::derivativeOp(Frame& f, const Step& s) {
@@ -102,14 +137,14 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
   };
   const uint32_t components = slTypeFloats(f.exe().program().symbols[symbolOf(f, s, 0)].type);
   const Operand first{column(0), n, ~0u}, second{column(3), n, ~0u}, third{column(6), n, ~0u};
-  const float* from = first.data;
   switch (s.op) {
     case Op::du_f:
     case Op::du_t:
     case Op::dv_f:
-    case Op::dv_t: {
+    case Op::dv_t:
+    case Op::calculatenormal: {
       const bool aside = !result.varying() || (result.data == a[1].data);
-      difference(f, a[1], components, s.op == Op::dv_f || s.op == Op::dv_t, false, aside ? first : result);
+      derivative(f, s.op, a[1], components, aside ? first : result);
       if (!aside) return;
       break;
     }
@@ -130,33 +165,23 @@ void Machine::derivativeOp(Frame& f, const Step& s) {
       }
       break;
     case Op::area:
-    case Op::calculatenormal: {
-      const bool normal = s.op == Op::calculatenormal;
-      const bool aside = !normal || !result.varying() || result.data == a[1].data;
-      const Operand& cross = aside ? third : result;
-      if (d && a[1].varying()) {
+      if (!d || !a[1].varying()) {
+        std::fill_n(first.data, n, 0.0f);
+        break;
+      }
+      {
         Difference alongU = differenceOf(f, a[1], false);
-        alongU.out = cross.data, alongU.outComponent = cross.component;
-        kernels().crossOfDifferences(alongU, differenceOf(f, a[1], true), normal ? batch_.orientation : 1.0f);
-        if (normal) fillFromNeighbours(f, *d, cross);
-      } else {
-        const float none = normal ? 0.0f * batch_.orientation : 0.0f;
-        for (uint32_t c = 0; c < 3; ++c) std::fill_n(cross.comp(c), n, none);
+        alongU.out = third.data, alongU.outComponent = third.component;
+        kernels().crossOfDifferences(alongU, differenceOf(f, a[1], true), 1.0f);
       }
-      if (!aside) return;
-      from = third.data;
-      if (!normal) {
-        kernel(Op::length, {first, third});
-        from = first.data;
-        for (uint32_t i = 0; i < n; ++i) first.data[i] *= d ? std::fabs(d->uCell[i] * d->vCell[i]) : 0.0f;
-      }
+      kernel(Op::length, {first, third});
+      for (uint32_t i = 0; i < n; ++i) first.data[i] *= std::fabs(d->uCell[i] * d->vCell[i]);
       break;
-    }
     default:
       return filterStep(f, s);
   }
   for (uint32_t c = 0; c < components; ++c)
-    std::memcpy(result.comp(c), from + size_t(c) * n, (result.varying() ? n : kLanePad) * sizeof(float));
+    std::memcpy(result.comp(c), first.comp(c), (result.varying() ? n : kLanePad) * sizeof(float));
 }
 
 void Machine::filterStep(Frame& f, const Step& s) {

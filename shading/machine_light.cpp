@@ -90,7 +90,7 @@ float* const* Machine::columnsWithLights(Frame& f) {
   if (columnsKnown_) return columns_.data();
   columnsKnown_ = true;
   columns_.assign(f.columns(), f.columns() + f.exe().columnCount());
-  for (uint32_t k = 0; k < lightCount_; ++k) {
+  for (uint32_t k = 0; k < runLights_.size(); ++k) {  // none of a shader that asks for no lights
     LightState& l = *lights_[k];
     const Executable& e = *l.instance->exe;
     if (runLights_[k].plain && !l.begun) {

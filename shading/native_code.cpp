@@ -144,6 +144,7 @@ bool Compilation::compile(const Range& range, const Liveness::Bits& live) {
   r.run.steps = recorder_.steps(), r.run.varyingSteps = recorder_.varyingSteps();
   r.run.lights = recorder_.lightsRun(), r.run.readsLights = recorder_.readsLights();
   r.run.loopAhead = recorder_.loopAhead();
+  r.run.differences = recorder_.differences(), r.run.firstDifference = recorder_.firstDifference();
   code.insert(code.end(), bytes.begin(), bytes.end());
   results.push_back(r);
   return true;

@@ -26,6 +26,8 @@ class NativeCode {
     uint32_t lights = 0;                   // evaluations of a light
     bool readsLights = false;              // its columns are the program's, then those of the lights in a row
     uint32_t loopAhead = kNoIndex;         // the lights of this loop run before it
+    std::vector<RunDifference> differences;  // are computed before it, into columns from this one on
+    uint32_t firstDifference = 0;
   };
   /// For batches that are lit by `lights`. Nothing when there is no such code here (nativeCodeAvailable()) or
   /// the program has no use for it.

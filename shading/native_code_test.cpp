@@ -257,6 +257,48 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
     }
 }
 
+TEST_F(NativeRuns, DifferencesBetweenNeighbours) {
+  const char* const sources[] = {
+      // Of variables and globals, twice the same, of what the run itself computes.
+      "surface a() { float x = u * v; point Q = P * (1 + noise(3 * P)); float w = abs(Du(x)) + abs(Dv(x));"
+      " normal n = calculatenormal(Q); Ci = color (w, Du(x) + Du(u), 0) + color (n) + color (Dv(Q)); Oi = 1; "
+      "}",
+      // Of differences, under conditions, of what is uniform.
+      "surface b(float k = 2) { float x = Du(Dv(u * v * v)); float y = 0; if (u > .4) y = Du(x + v); else y "
+      "= 2;"
+      " Ci = color (x, y + Dv(y), Du(k)); Oi = 1; }",
+      "surface c() { float f(float x) { if (x > .6) return Dv(x); return Du(x * x); }"
+      " Ci = color (f(u), Du(f(v)), area(P)) + color (calculatenormal(point (0, 0, 1))); Oi = 1; }",
+  };
+  for (const char* source : sources)
+    for (const auto& [nu, nv] : {std::pair(1u, 1u), std::pair(6u, 4u), std::pair(15u, 15u)})
+      for (const bool whole : {true, false}) {
+        SCOPED_TRACE(source);
+        MachineFixture kernelsOnly(nu, nv), code(nu, nv);
+        kernelsOnly.native = false;
+        DerivativeStencil stencil;
+        gridStencil(stencil, nu, nv, code.lanes, 1 / float(nu), 1 / float(nv));
+        alignas(64) std::array<int32_t, 256> mask{};
+        for (uint32_t i = 0; i < code.count; ++i) mask[i] = whole || i % 5 != 1 ? -1 : 0;
+        for (MachineFixture* f : {&kernelsOnly, &code}) {
+          f->batch.stencil = &stencil, f->batch.mask = mask.data(), f->batch.orientation = -1;
+          const auto s = f->shader(source);
+          ASSERT_TRUE(s) << f->error;
+          f->run(*s);
+        }
+        for (uint32_t i = 0; i < code.count; ++i)
+          for (uint32_t c = 0; c < 3 && mask[i]; ++c)
+            EXPECT_TRUE(same(kernelsOnly.Ci(i, c), code.Ci(i, c)))
+                << i << ' ' << c << ' ' << code.Ci(i, c) << " instead of " << kernelsOnly.Ci(i, c);
+      }
+  // One run up to the variable, one with the differences.
+  MachineFixture f(7, 7);
+  const auto s = f.shader("surface t() { float x = u * v; Ci = color (Du(x), Dv(x), Du(v)); }");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  EXPECT_EQ(f.machine.code()->runCount(), 2u);
+}
+
 TEST_F(NativeRuns, WhatIsSentToALightIsForgottenBehindTheLoop) {
   MachineFixture f(7, 7);
   const auto light =

@@ -13,10 +13,16 @@ FR_INLINE VI laneNumbers(uint32_t first) {
   return lane + int32_t(first);
 }
 FR_INLINE VI loadIndices(const uint16_t* at) {
+#if defined(FR_ISA_avx512)
+  return (VI)_mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(at)));
+#elif defined(FR_ISA_avx2)
+  return (VI)_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(at)));
+#else
   typedef uint16_t Narrow __attribute__((vector_size(kLanes * 2)));
   Narrow narrow;
   std::memcpy(&narrow, at, sizeof narrow);
   return __builtin_convertvector(narrow, VI);
+#endif
 }
 FR_INLINE V loadLoose(const float* at) {
   V v;
@@ -51,44 +57,26 @@ FR_INLINE V loadSome(const float* at, VI wanted, V other) {
 /// The neighbours of a vector of points, the first of which is `first`. They mostly follow one another, but
 /// for those at borders, who are their own; and plain loads are much cheaper than a gather.
 struct Neighbours {
-  enum class Kind : uint8_t { kRow, kBorder, kAny } kind;
-  VI index, others;  // kBorder: who has a neighbour
+  VI index, others;  // the second: who has a neighbour
   uint32_t first;
   int32_t step;  // from a point to its neighbour
+  bool inRow;
 };
-FR_INLINE Neighbours neighbours(VI index, uint32_t first) {
+/// `in`: the column of indices, some of which have perhaps been replaced by the points themselves in `index`.
+FR_INLINE Neighbours neighbours(VI index, const uint16_t* in, uint32_t first) {
   const VI self = laneNumbers(first);
-  const int32_t step = index[kLanes / 2] - int32_t(first + kLanes / 2);
+  const int32_t step = int32_t(in[first + kLanes / 2]) - int32_t(first + kLanes / 2);
   const VI others = index != self;
-  Neighbours n{Neighbours::Kind::kRow, index, others, first, step};
-  const VI regular = index == self + step;
-  if (anyLane(~regular))
-    n.kind = anyLane(others & ~regular) ? Neighbours::Kind::kAny : Neighbours::Kind::kBorder;
-  return n;
+  return {index, others, first, step, !anyLane(others & (index ^ (self + step)))};
 }
 FR_INLINE V fetch(const float* x, const Neighbours& n) {
   const float* const at = x + n.first;
-  switch (n.kind) {
-    case Neighbours::Kind::kRow:
-      return loadLoose(at + n.step);
-    case Neighbours::Kind::kBorder:
-      return loadSome(at + n.step, n.others, loadLoose(at));
-    default:
-      return gather(x, n.index);
-  }
+  return n.inRow ? loadSome(at + n.step, n.others, loadLoose(at)) : gather(x, n.index);
 }
 FR_INLINE V3 fetch3(const float* x, uint32_t component, const Neighbours& n) {
   const float* const at[] = {x, x + component, x + 2 * size_t(component)};
-  switch (n.kind) {
-    case Neighbours::Kind::kRow: {
-      const size_t first = size_t(int64_t(n.first) + n.step);
-      return {loadLoose(at[0] + first), loadLoose(at[1] + first), loadLoose(at[2] + first)};
-    }
-    case Neighbours::Kind::kBorder:
-      return {fetch(at[0], n), fetch(at[1], n), fetch(at[2], n)};
-    default:
-      return {gather(at[0], n.index), gather(at[1], n.index), gather(at[2], n.index)};
-  }
+  if (n.inRow) return {fetch(at[0], n), fetch(at[1], n), fetch(at[2], n)};
+  return {gather(at[0], n.index), gather(at[1], n.index), gather(at[2], n.index)};
 }
 
 }  // namespace fr::FR_ISA

@@ -71,12 +71,16 @@ FR_INLINE V3 loadLoose3(const float* at, uint32_t component) {
 
 /// A small step into the surface from the border of a grid along one parameter, or from a vertex of a
 /// meshlet.
-FR_INLINE V3 stepFrom(const Footprints& f, V3 here, uint32_t i, VI lo, VI hi) {
+FR_INLINE V3 stepFrom(const Footprints& f, V3 here, uint32_t i, int d) {
+  const VI lo = loadIndices(f.lo[d] + i), hi = loadIndices(f.hi[d] + i);
   const VI self = laneNumbers(i);
   const VI atLow = lo == self, edge = atLow ^ (hi == self);
   const V3 none{V{}, V{}, V{}};
   if (!anyLane(edge)) return none;
-  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(atLow ? hi : lo, i)), here);
+  const VI at = atLow ? hi : lo;
+  const V3 side = sub({gather(f.P.data, at), gather(f.P.data + f.P.component, at),
+                       gather(f.P.data + 2 * size_t(f.P.component), at)},
+                      here);
   const V size = rawSqrt(dot(side, side));
   // Of the cell, but not lost in rounding far from the origin.
   const V far = vmax(vabs(here.x), vmax(vabs(here.y), vabs(here.z)));
@@ -85,8 +89,8 @@ FR_INLINE V3 stepFrom(const Footprints& f, V3 here, uint32_t i, VI lo, VI hi) {
 }
 FR_INLINE V squaredSide(const Footprints& f, uint32_t i, int d) {
   const VI lo = loadIndices(f.lo[d] + i), hi = loadIndices(f.hi[d] + i);
-  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(hi, i)),
-                      fetch3(f.P.data, f.P.component, neighbours(lo, i)));
+  const V3 side = sub(fetch3(f.P.data, f.P.component, neighbours(hi, f.hi[d], i)),
+                      fetch3(f.P.data, f.P.component, neighbours(lo, f.lo[d], i)));
   const V3 cell = scale(side, loadLoose(f.scale[d] + i) * loadLoose(f.cell[d] + i));
   return dot(cell, cell);
 }
@@ -103,8 +107,7 @@ void footprints(const Footprints& f) {
       radius = 0.5f * rawSqrt(vmax(squaredSide(f, i, 1), squaredSide(f, i, 0)));
     if (sides) {
       const V3 here = load3(f.P, i);
-      for (int d = 0; d < 2; ++d)
-        inward = add(inward, stepFrom(f, here, i, loadIndices(f.lo[d] + i), loadIndices(f.hi[d] + i)));
+      for (int d = 0; d < 2; ++d) inward = add(inward, stepFrom(f, here, i, d));
     }
     storeLoose(f.radius + i, select(isFinite(radius), radius, V{}));
     storeLoose(f.spread + i, select(isFinite(spread), spread, V{}));
@@ -148,8 +151,8 @@ FR_INLINE V3 sampleCone(V3 d, V3 x, V3 y, const Cone& cone, bool cosine, V u, V 
 /// The square of how much directions turn over the footprint, along one parameter.
 FR_INLINE V squaredTurn(const RayMaking& r, uint32_t i, int d) {
   const VI lo = loadIndices(r.lo[d] + i), hi = loadIndices(r.hi[d] + i);
-  const V3 turn = sub(fetch3(r.unit.data, r.unit.component, neighbours(hi, i)),
-                      fetch3(r.unit.data, r.unit.component, neighbours(lo, i)));
+  const V3 turn = sub(fetch3(r.unit.data, r.unit.component, neighbours(hi, r.hi[d], i)),
+                      fetch3(r.unit.data, r.unit.component, neighbours(lo, r.lo[d], i)));
   const V size = loadLoose(r.scale[d] + i) * loadLoose(r.cell[d] + i);
   const V squared = dot(turn, turn) * size * size * 0.25f;
   VI known = isFinite(squared);

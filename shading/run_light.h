@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "shading/ir.h"
+
 namespace fr {
 
 class Executable;
@@ -25,6 +27,13 @@ inline constexpr uint32_t kL = 0, kCl = 3, kOl = 6, kLit = 9, kResults = 10;
 inline constexpr uint32_t kFrom = 0, kNormal = 3, kDim = 6, kSamples = 7;
 inline uint32_t count(const RunLight& l) { return !l.plain ? kResults : l.emitter ? kSamples : 0; }
 }  // namespace light_column
+
+/// A difference between neighbours that is known before a run: du_f and its kin of a symbol.
+struct RunDifference {
+  Op op;
+  uint32_t symbol, column;  // the first of as many as the result has components, behind all others
+  bool operator==(const RunDifference&) const = default;
+};
 
 /// A light that is not plain may run before the code of which the loop is a part: it asks nothing of the
 /// shader that it lights but where its points are.

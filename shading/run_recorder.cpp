@@ -31,6 +31,9 @@ bool isEmission(Op op) {
 uint32_t fixedOperands(Op op) {
   return op == Op::illuminance_cone_begin ? 4 : op == Op::illuminance_begin ? 2 : 1;
 }
+bool isDifference(Op op) {
+  return op == Op::du_f || op == Op::du_t || op == Op::dv_f || op == Op::dv_t || op == Op::calculatenormal;
+}
 bool sameKind(SlType a, SlType b) { return a == b || (isTriple(a) && isTriple(b)); }
 
 /// Operands of a kernel that are values already; the first one is the result.
@@ -52,6 +55,8 @@ RunRecorder::RunRecorder(const Executable& exe, std::span<const RunLight> lights
   };
   add(exe);
   for (const RunLight& l : lights) add(*l.exe);
+  firstDifference_ = parts_.back().base + parts_.back().exe->columnCount();
+  if (!lights.empty()) firstDifference_ += light_column::count(lights.back());
   for (const Step& s : exe.steps())
     sends_ = sends_ || (isLightLoop(s.op) && s.argCount != fixedOperands(s.op));
   clear();
@@ -70,6 +75,8 @@ void RunRecorder::clear() {
   failed_ = readsLights_ = false;
   steps_ = varyingSteps_ = 0;
   lightsAsked_.clear();
+  differences_.clear();
+  differenceColumns_ = 0;
   ahead_ = {};
   setMask(ones_);
 }
@@ -86,6 +93,8 @@ RunRecorder::Extent RunRecorder::instructionOf(uint32_t part, uint32_t i, uint32
   const Step& s = exe.steps()[i];
   if (!s.control) {
     if (s.op == Op::nop) return {i + 1, 1};
+    // Of all points that the run is for.
+    if (isDifference(s.op) && depth == 0 && exe.program().type != ShaderType::kLight) return {i + 1, 5};
     if (s.kernel && recordedKernels().op[size_t(s.op)]) return {i + 1, nodesOf(s.op)};
     return {};
   }
@@ -357,6 +366,8 @@ void RunRecorder::recordRange(uint32_t begin, uint32_t end) {
     if (!s.control) {
       if (s.op == Op::msg_lightsource)
         recordMessage(s);
+      else if (isDifference(s.op))
+        recordDifference(s);
       else if (s.op != Op::nop)
         recordStep(s);
       ++i;
@@ -391,6 +402,36 @@ void RunRecorder::recordStep(const Step& s) {
   call.arg = operands_.data(), call.argCount = s.argCount;
   recordedKernels().op[size_t(s.op)](call);
   ++steps_, varyingSteps_ += s.varying;
+}
+
+void RunRecorder::recordDifference(const Step& s) {
+  step_ = &s;
+  const Executable& exe = *parts_[0].exe;
+  const uint32_t from = symbol(1), to = symbol(0);
+  bool held = exe.varying(from) && exe.varying(to) && mask_ == ones_;
+  for (uint32_t c = 0; held && c < exe.program().symbols[from].floats(); ++c) {
+    const uint32_t column = exe.firstColumn(from) + c;
+    const Node& n = graph.nodes()[current(0, from, c)];
+    held = n.op == VectorOp::kLoad && n.imm == column;
+  }
+  if (!held) {
+    failed_ = true;
+    ahead_.failedAt = ahead_.at;
+    return;
+  }
+  const uint32_t components = slTypeFloats(exe.program().symbols[to].type);
+  const auto known = std::find_if(differences_.begin(), differences_.end(),
+                                  [&](const RunDifference& d) { return d.op == s.op && d.symbol == from; });
+  uint32_t column = differenceColumns_;
+  if (known != differences_.end()) {
+    column = known->column;
+  } else {
+    differences_.push_back({s.op, from, column});
+    differenceColumns_ += components;
+  }
+  for (uint32_t c = 0; c < components; ++c)
+    writeColumn(to, c, graph.load(firstDifference_ + column + c, false), s.masked);
+  ++steps_, ++varyingSteps_;
 }
 
 uint32_t RunRecorder::recordIf(uint32_t i) {

@@ -36,6 +36,10 @@ class RunRecorder final : public OperandRecorder {
   /// after all.
   bool record(uint32_t begin, uint32_t end);
 
+  /// Differences between neighbours, of values that the registers hold when the run begins: columns behind
+  /// those of all lights, which the machine fills before the run.
+  const std::vector<RunDifference>& differences() const { return differences_; }
+  uint32_t firstDifference() const { return firstDifference_; }
   /// The light loop whose lights have to run before the code does, kNoIndex: there is none.
   uint32_t loopAhead() const { return ahead_.loop; }
   /// Why record() failed: this instruction, or the block that it begins, needs lights for a place that is not
@@ -100,6 +104,7 @@ class RunRecorder final : public OperandRecorder {
   uint32_t recordEmission(uint32_t i);
   void recordMessage(const Step& s);
   void recordStep(const Step& s);
+  void recordDifference(const Step& s);
   void leave(size_t outermost);
   void leaveLoop(const Step& s);
 
@@ -125,6 +130,8 @@ class RunRecorder final : public OperandRecorder {
 
   std::vector<RunLight> lights_;
   std::vector<Part> parts_;
+  std::vector<RunDifference> differences_;
+  uint32_t firstDifference_ = 0, differenceColumns_ = 0;
   uint32_t part_ = 0;
   std::vector<Block> blocks_;
   NodeIndex ones_ = 0, mask_ = 0;
