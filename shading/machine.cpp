@@ -9,8 +9,11 @@
 namespace fr {
 
 namespace {
-/// More turns than any shader needs, fewer than a user would wait for.
-constexpr uint32_t kMaxTurns = 1u << 20;
+void reportEndedLoop(const Frame& f) {
+  reportOnce("shading.turns." + f.exe().program().name,
+             makeError(RiError::kLimit, "shader \"{}\": a loop ran {} times and was ended",
+                       f.exe().program().name, kMostTurns));
+}
 /// Every sample of an area light keeps its own results.
 constexpr uint32_t kMostLightSamples = 256;
 alignas(64) constexpr int32_t kAllActive[kLanePad] = {-1, -1, -1, -1, -1, -1, -1, -1,
@@ -210,7 +213,7 @@ Machine::Next Machine::execute(Frame& f) {
       float* const* const columns = !run->differences.empty() ? columnsWithDifferences(f, *run)
                                     : run->readsLights        ? columnsWithLights(f)
                                                               : f.columns();
-      run->function(columns, f.lanes() * sizeof(float), f.mask);
+      if (run->function(columns, f.lanes() * sizeof(float), f.mask)) reportEndedLoop(f);
       f.pc = run->end;
       continue;
     }
@@ -350,10 +353,8 @@ Machine::Next Machine::control(Frame& f, const Step& s) {
     }
     case Op::loop_end: {
       Control& c = f.top();
-      if (++c.turns >= kMaxTurns) {
-        reportOnce("shading.turns." + f.exe().program().name,
-                   makeError(RiError::kLimit, "shader \"{}\": a loop ran {} times and was ended",
-                             f.exe().program().name, c.turns));
+      if (++c.turns >= kMostTurns) {
+        reportEndedLoop(f);
         f.activate(c.saved);
         f.pop();
         ++f.pc;

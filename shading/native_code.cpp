@@ -16,6 +16,7 @@ constexpr uint32_t kMostNodes = 8000;
 struct Range {
   uint32_t begin, end;
   bool blocks = true;  // whole blocks may be part of it
+  bool loops = true;   // so may loops
 };
 
 /// Adds runs of instructions that can be recorded in a row.
@@ -24,6 +25,7 @@ void findRuns(const RunRecorder& recorder, const Range& within, std::vector<Rang
   for (uint32_t i = within.begin; i < within.end;) {
     RunRecorder::Extent e = recorder.instruction(i);
     if (!within.blocks && e.end != i + 1) e = {};
+    if (!within.loops && e.end > i && recorder.hasLoop(i, e.end)) e = {};
     if (e.end == 0) {
       nodes = 0;
       ++i;
@@ -34,7 +36,7 @@ void findRuns(const RunRecorder& recorder, const Range& within, std::vector<Rang
       continue;
     }
     if (nodes == 0 || nodes > kMostNodes) {
-      runs.push_back({i, i, within.blocks});
+      runs.push_back({i, i, within.blocks, within.loops});
       nodes = 0;
     }
     runs.back().end = i = e.end;
@@ -122,12 +124,15 @@ bool Compilation::listOutputs(const Range& range, const Liveness::Bits& live,
 void Compilation::divide(const Range& failed, std::vector<Range>& parts) const {
   const uint32_t at = recorder_.failedFor();
   if (at == kNoIndex) {
-    if (failed.blocks) findRuns(recorder_, {failed.begin, failed.end, false}, parts);
+    if (failed.loops && recorder_.hasLoop(failed.begin, failed.end))
+      findRuns(recorder_, {failed.begin, failed.end, failed.blocks, false}, parts);
+    else if (failed.blocks)
+      findRuns(recorder_, {failed.begin, failed.end, false, false}, parts);
   } else if (at > failed.begin) {
-    findRuns(recorder_, {failed.begin, at}, parts);
-    findRuns(recorder_, {at, failed.end}, parts);
+    findRuns(recorder_, {failed.begin, at, true, failed.loops}, parts);
+    findRuns(recorder_, {at, failed.end, true, failed.loops}, parts);
   } else {
-    findRuns(recorder_, {at + 1, failed.end}, parts);  // the block stays control flow
+    findRuns(recorder_, {at + 1, failed.end, true, failed.loops}, parts);  // the block stays control flow
   }
 }
 

@@ -245,6 +245,22 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
       "surface d() { float p = u, q = v, i; for (i = 0; i < 5; i += 1) { float r = p; p = q; q = r + .1 * i; "
       "}"
       " Ci = color (p, q, pow(p, q)); Oi = 1; }",
+      // Loops that points leave at different times: on their way, to the next turn, out of functions.
+      "surface l() { float i, s = 0; for (i = 0; i < 10 * u; i += 1) { if (mod(i, 3) == 1) continue; s += v "
+      "+ i;"
+      " if (s > 4) break; } Ci = color (s, i, u); Oi = 1; }",
+      "surface m() { float a = u, b = v, n = 0; while (a + b < 3 * noise(5 * P)) { float r = a; a = b; b = r "
+      "+ .3;"
+      " n += 1; } float k; for (k = n; k < 4 + u; k += 1) a *= 1.5; Ci = color (a, b, n + k); Oi = 1; }",
+      "surface n() { float f(float x) { float i; for (i = 0; i < 20 * x; i += 1) if (noise(P * (i + 1)) > "
+      ".55)"
+      " return i; return -1; } float s = 0, i; for (i = 0; i < 5 * v; i += 1) { float g(float y) { if (y > 2)"
+      " return y * y; return sqrt(y); } if (u > .3) s += g(i); else s -= sin(1e5 * i); }"
+      " Ci = color (f(u), f(v), s); Oi = 1; }",
+      "surface o() { color c = Cs; float i = 0; while (comp(c, 0) > v + .01) { c *= color (.7, .8, noise(u, i)); i "
+      "+= 1;"
+      " if (u > .9) { i += 10; break; } } float x = 0; for (; x < 3 * u; x += 1) c += P * x; Ci = c * i; Oi "
+      "= 1; }",
       "surface e() { vector V = vector (1e30 * u, 1e-30, 1e25); Ci = color (length(V), sin(1e6 * u), "
       "exp(88.3 * v)) +"
       " color normalize(V); Oi = 1; }",
@@ -255,6 +271,38 @@ TEST_F(NativeRuns, ShadersWithControlFlowAndStateBetweenRuns) {
       SCOPED_TRACE(s);
       expectSameColors(s, nu, nv);
     }
+}
+
+TEST_F(NativeRuns, LoopsThatPointsLeaveAtDifferentTimesArePartOfRuns) {
+  MachineFixture f(7, 7);
+  const auto light = f.shader("light l(float k = 1) { illuminate (point (0, 0, -3)) Cl = k; }");
+  const auto s = f.shader(
+      "surface t() { color c = 0; float i; for (i = 0; i < 5 * u; i += 1) illuminance (P + i * N) c += Cl * "
+      "i;"
+      " Ci = c; }");
+  ASSERT_TRUE(light && s) << f.error;
+  f.run(*s, {light.get()});
+  EXPECT_EQ(f.machine.code()->runCount(), 1u);
+  for (uint32_t i = 0; i < f.count; ++i) {
+    float sum = 0;
+    for (int k = 0; float(k) < 5 * (float(i % 8) / 7); ++k) sum += float(k);
+    EXPECT_EQ(f.Ci(i), sum) << i;
+  }
+}
+
+TEST_F(NativeRuns, EndlessLoopsAreEnded) {
+  std::vector<Error> errors;
+  setReportSink([&](const Error& e) { errors.push_back(e); });
+  MachineFixture f(7, 0);
+  const auto s = f.shader("surface endless() { float n = 0; while (u > .9) n += 1; Ci = color (n, u, 0); }");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  setReportSink({});
+  EXPECT_EQ(f.machine.code()->runCount(), 1u);
+  EXPECT_EQ(f.Ci(0), 0);
+  EXPECT_EQ(f.Ci(7), float(kMostTurns));
+  ASSERT_EQ(errors.size(), 1u);
+  EXPECT_EQ(errors[0].code, RiError::kLimit);
 }
 
 TEST_F(NativeRuns, DifferencesBetweenNeighbours) {

@@ -29,7 +29,7 @@ constexpr Gpr kCalleeSaved[] = {kRbx, kRbp, kR12, kR13, kR14, kR15};
 // The stack frame: arguments of rare cases, registers during one, then values.
 constexpr int kArguments = 0, kResults = kMostRareValues * kBytes, kWhere = 2 * kMostRareValues * kBytes;
 constexpr int kSavedVectors = kWhere + kBytes, kSavedPointers = kSavedVectors + kRegisters * kBytes;
-constexpr int kOldStack = kSavedPointers + 64, kValues = kOldStack + 32;
+constexpr int kOldStack = kSavedPointers + 64, kEnded = kOldStack + 8, kValues = kOldStack + 32;
 
 VectorCode codeOf(VectorOp op) {
   switch (op) {
@@ -146,6 +146,10 @@ class RunCompiler {
   void emitNode(NodeIndex i);
   void emitRare(uint32_t index);
   void emitStore(const RunOutput& o);
+  void emitLoopBegin(uint32_t loop);
+  void emitLoopTest(uint32_t loop);
+  void emitLoopEnd(uint32_t loop);
+  void emptyRegisters();
   void emitStub(const RareStub& s);
   /// Calls f with a register or a memory operand that holds node i.
   template <class F>
@@ -164,6 +168,12 @@ class RunCompiler {
   std::array<NodeIndex, kRegisters> holds_{};
   std::vector<int> freeSlots_, slotsLater_;  // of the frame; free once the item is done
   Assembler::Label skip_ = 0;
+  struct Loop {
+    Assembler::Label top = 0, behind = 0;
+    int turns = 0;
+  } loop_;
+  /// Places of loops' variables in the frame, before a turn and behind the loop.
+  std::vector<std::pair<int, int>> variables_;
   uint32_t pinned_ = 0;  // registers that must not make room
   int frame_ = kValues;
   uint32_t now_ = 0;  // index of the item that is being emitted
@@ -193,6 +203,8 @@ MemoryOperand RunCompiler::memoryOf(NodeIndex i) {
   if (places_[i].spilled >= 0) return {kRsp, -1, places_[i].spilled, -1};
   if (!uniformPhase_ && places_[i].kept >= 0) return {kRsp, -1, places_[i].kept, -1};
   if (n.op == VectorOp::kMask) return {kMask, kOffset, 0, -1};
+  if (n.op == VectorOp::kLoopValue) return {kRsp, -1, variables_[n.imm].first, -1};
+  if (n.op == VectorOp::kLoopResult) return {kRsp, -1, variables_[n.imm].second, -1};
   return columnAt(n.imm, n.op == VectorOp::kLoadUniform);
 }
 
@@ -435,6 +447,80 @@ void RunCompiler::emitStore(const RunOutput& o) {
   used(o.value);
 }
 
+/// Everything that is still needed is in memory, where the turns of a loop, and what is behind it, find it.
+void RunCompiler::emptyRegisters() {
+  for (int r = 0; r < kRegisters; ++r) {
+    const NodeIndex i = holds_[size_t(r)];
+    if (i == kNever) continue;
+    if (!inMemory(i)) {
+      places_[i].spilled = stackSlot();
+      a_.storeVector({kRsp, -1, places_[i].spilled, -1}, r);
+    }
+    places_[i].reg = -1;
+    holds_[size_t(r)] = kNever;
+  }
+}
+
+void RunCompiler::emitLoopBegin(uint32_t loop) {
+  variables_.resize(graph_.loopVariables().size());
+  const auto place = [&] {
+    frame_ += kBytes;
+    return frame_ - kBytes;
+  };
+  schedule_.forVariables(loop, [&](uint32_t v) {
+    const int slot = place();
+    variables_[v] = {slot, schedule_.exitsApart(v) ? place() : slot};
+    a_.storeVector({kRsp, -1, slot, -1}, ensure(graph_.loopVariables()[v].initial));
+  });
+  schedule_.forOperands({Item::Kind::kLoopBegin, loop}, [&](NodeIndex i) { used(i); });
+  emptyRegisters();
+  loop_ = {a_.newLabel(), a_.newLabel(), place()};
+  a_.moveImmediate(kScratch, kMostTurns);
+  a_.store({kRsp, -1, loop_.turns, -1}, kScratch);
+  a_.place(loop_.top);
+}
+
+void RunCompiler::emitLoopTest(uint32_t loop) {
+  schedule_.forVariables(loop, [&](uint32_t v) {
+    if (schedule_.exitsApart(v))
+      a_.storeVector({kRsp, -1, variables_[v].second, -1}, ensure(graph_.loopVariables()[v].exit));
+  });
+  const int more = ensure(graph_.loops()[loop].more);
+  a_.vector({1, 2, 0x0e}, more, 0, more);  // vtestps
+  a_.jumpIf(Assembler::kZero, loop_.behind);
+  schedule_.forOperands({Item::Kind::kLoopTest, loop}, [&](NodeIndex i) { used(i); });
+}
+
+void RunCompiler::emitLoopEnd(uint32_t loop) {
+  // Variables that change places are read before any is written.
+  std::vector<std::pair<int, int>> moved;
+  schedule_.forVariables(loop, [&](uint32_t v) {
+    const NodeIndex next = graph_.loopVariables()[v].next;
+    if (nodes_[next].op != VectorOp::kLoopValue || next == graph_.loopVariables()[v].value) return;
+    moved.push_back({stackSlot(), variables_[v].first});
+    a_.storeVector({kRsp, -1, moved.back().first, -1}, ensure(next));
+  });
+  schedule_.forVariables(loop, [&](uint32_t v) {
+    const NodeIndex next = graph_.loopVariables()[v].next;
+    if (nodes_[next].op != VectorOp::kLoopValue)
+      a_.storeVector({kRsp, -1, variables_[v].first, -1}, ensure(next));
+  });
+  schedule_.forOperands({Item::Kind::kLoopEnd, loop}, [&](NodeIndex i) { used(i); });
+  emptyRegisters();
+  for (const auto& [from, to] : moved) {
+    a_.loadVector(0, {kRsp, -1, from, -1});
+    a_.storeVector({kRsp, -1, to, -1}, 0);
+    slotsLater_.push_back(from);
+  }
+  a_.load(kScratch, {kRsp, -1, loop_.turns, -1});
+  a_.addImmediate(kScratch, -1);
+  a_.store({kRsp, -1, loop_.turns, -1}, kScratch);
+  a_.jumpIf(Assembler::kNotZero, loop_.top);
+  a_.moveImmediate(kScratch, 1);
+  a_.store({kRsp, -1, kEnded, -1}, kScratch);
+  a_.place(loop_.behind);
+}
+
 void RunCompiler::emit(const Item& item) {
   switch (item.kind) {
     case Item::Kind::kSkip: {
@@ -457,6 +543,12 @@ void RunCompiler::emit(const Item& item) {
       a_.storeVector({kRsp, -1, places_[item.index].kept, -1}, value);
       return used(item.index);
     }
+    case Item::Kind::kLoopBegin:
+      return emitLoopBegin(item.index);
+    case Item::Kind::kLoopTest:
+      return emitLoopTest(item.index);
+    case Item::Kind::kLoopEnd:
+      return emitLoopEnd(item.index);
     case Item::Kind::kStore:
       return emitStore(outputs_[item.index]);
   }
@@ -503,6 +595,8 @@ std::vector<uint8_t> RunCompiler::compile() {
   const size_t frameSize = a_.subtractImmediate(kRsp, 0);
   a_.andImmediate(kRsp, -kBytes);
   a_.store({kRsp, -1, kOldStack, -1}, kRax);
+  a_.clear(kRax);
+  a_.store({kRsp, -1, kEnded, -1}, kRax);
   a_.move(kColumns, kRdi);
   a_.move(kEnd, kRsi);
   a_.move(kMask, kRdx);
@@ -523,6 +617,7 @@ std::vector<uint8_t> RunCompiler::compile() {
     a_.jumpIf(Assembler::kBelow, begin);
   }
   a_.zeroUpper();
+  a_.load(kRax, {kRsp, -1, kEnded, -1});
   a_.load(kRsp, {kRsp, -1, kOldStack, -1});
   for (size_t k = std::size(kCalleeSaved); k-- > 0;) a_.pop(kCalleeSaved[k]);
   a_.ret();

@@ -19,9 +19,12 @@ struct RunOutput {
   bool masked = false;   // active points alone
 };
 
-/// columns[c]: column c of ValueGraph::load() and RunOutput, `bytes` long (a multiple of 64) unless it is
-/// uniform.
-using RunFunction = void (*)(float* const* columns, size_t bytes, const int32_t* mask);
+/// Turns after which a loop is ended: more than any shader needs, fewer than a user would wait for.
+inline constexpr uint32_t kMostTurns = 1u << 20;
+
+/// Not 0: a loop was ended. columns[c]: column c of ValueGraph::load() and RunOutput, `bytes` long (a
+/// multiple of 64) unless it is uniform.
+using RunFunction = uint64_t (*)(float* const* columns, size_t bytes, const int32_t* mask);
 
 /// True where machine code can be made: x86-64 with AVX2, not forbidden by FRANKENRENDER_NATIVE=0.
 bool nativeCodeAvailable();

@@ -22,7 +22,30 @@ RunSchedule::RunSchedule(const ValueGraph& graph, const std::vector<RunOutput>& 
     rareResults_[k].assign(graph_.rareCases()[k].usual.size(), kNever);
   for (NodeIndex i = 0; i < nodes_.size(); ++i)
     if (needed_[i] && nodes_[i].op == VectorOp::kRare) rareResults_[nodes_[i].a][nodes_[i].imm] = i;
+  findExternal();
   findKept();
+}
+
+void RunSchedule::findExternal() {
+  external_.resize(graph_.loops().size());
+  const auto note = [&](uint32_t loop, NodeIndex i) {
+    auto& list = external_[loop - 1];
+    if (nodes_[i].loop != loop && nodes_[i].op != VectorOp::kConstant) list.push_back(i);
+  };
+  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
+    const uint32_t loop = nodes_[i].loop;
+    if (loop == 0 || !needed_[i]) continue;
+    const bool rare = nodes_[i].op == VectorOp::kRare;
+    forOperands({rare ? Item::Kind::kRare : Item::Kind::kNode, rare ? nodes_[i].a : i},
+                [&](NodeIndex o) { note(loop, o); });
+  }
+  for (uint32_t k = 0; k < graph_.loops().size(); ++k) {
+    forVariables(k, [&](uint32_t v) {
+      if (exitsApart(v)) note(k + 1, graph_.loopVariables()[v].exit);
+    });
+    std::sort(external_[k].begin(), external_[k].end());
+    external_[k].erase(std::unique(external_[k].begin(), external_[k].end()), external_[k].end());
+  }
 }
 
 void RunSchedule::need(NodeIndex i) {
@@ -39,6 +62,14 @@ void RunSchedule::need(NodeIndex i) {
       todo.push_back(r.where);
       todo.insert(todo.end(), r.in.begin(), r.in.end());
       todo.insert(todo.end(), r.usual.begin(), r.usual.end());
+      continue;
+    }
+    if (n.op == VectorOp::kLoopValue || n.op == VectorOp::kLoopResult) {
+      const LoopVariable& v = graph_.loopVariables()[n.imm];
+      todo.insert(todo.end(), {v.initial, v.next, v.value});
+      if (n.op == VectorOp::kLoopResult) todo.push_back(v.exit);
+      for (const GraphLoop& l : graph_.loops())
+        if (n.imm >= l.begin && n.imm < l.behind) todo.push_back(l.more);
       continue;
     }
     const NodeIndex operands[] = {n.a, n.b, n.c};
@@ -60,16 +91,7 @@ std::vector<RunSchedule::Item> RunSchedule::list(bool uniformPhase) {
     touched_[o.value] = true;
     items.push_back({Item::Kind::kTouch, o.value});
   }
-  std::vector<bool> rareListed(graph_.rareCases().size(), false);
-  for (NodeIndex i = 0; i < nodes_.size(); ++i) {
-    if (!needed_[i] || nodes_[i].uniform != uniformPhase) continue;
-    if (nodes_[i].op == VectorOp::kRare) {
-      if (!rareListed[nodes_[i].a]) items.push_back({Item::Kind::kRare, nodes_[i].a});
-      rareListed[nodes_[i].a] = true;
-    } else if (!isLeaf(i)) {
-      items.push_back({Item::Kind::kNode, i});
-    }
-  }
+  listNodes(uniformPhase, items);
   if (!uniformPhase) {
     listStores(items);
     return items;
@@ -81,6 +103,55 @@ std::vector<RunSchedule::Item> RunSchedule::list(bool uniformPhase) {
   return items;
 }
 
+/// Nodes follow one another as they were recorded, but for those that do not change from turn to turn of a
+/// loop: they are computed before it.
+void RunSchedule::listNodes(bool uniformPhase, std::vector<Item>& items) const {
+  std::vector<bool> rareListed(graph_.rareCases().size(), false);
+  const auto list = [&](NodeIndex i) {
+    if (!needed_[i] || nodes_[i].uniform != uniformPhase) return;
+    if (nodes_[i].op == VectorOp::kRare) {
+      if (!rareListed[nodes_[i].a]) items.push_back({Item::Kind::kRare, nodes_[i].a});
+      rareListed[nodes_[i].a] = true;
+    } else if (!isLeaf(i)) {
+      items.push_back({Item::Kind::kNode, i});
+    }
+  };
+  NodeIndex next = 0;
+  for (uint32_t k = 0; k < graph_.loops().size() && !uniformPhase; ++k) {
+    const GraphLoop& l = graph_.loops()[k];
+    bool used = false;
+    forVariables(k, [&](uint32_t) { used = true; });
+    if (!used) continue;
+    for (NodeIndex i = next; i < l.end; ++i)
+      if (nodes_[i].loop == 0) list(i);
+    items.push_back({Item::Kind::kLoopBegin, k});
+    // What the test and the values at the loop's end are made of.
+    std::vector<bool> early(l.end, false);
+    std::vector<NodeIndex> todo{l.more};
+    forVariables(k, [&](uint32_t v) {
+      if (exitsApart(v)) todo.push_back(graph_.loopVariables()[v].exit);
+    });
+    while (!todo.empty()) {
+      const NodeIndex i = todo.back();
+      todo.pop_back();
+      if (nodes_[i].loop != k + 1 || early[i]) continue;
+      early[i] = true;
+      if (nodes_[i].op == VectorOp::kRare)
+        forOperands({Item::Kind::kRare, nodes_[i].a}, [&](NodeIndex o) { todo.push_back(o); });
+      else
+        forOperands({Item::Kind::kNode, i}, [&](NodeIndex o) { todo.push_back(o); });
+    }
+    for (const bool before : {true, false}) {
+      for (NodeIndex i = 0; i < l.end; ++i)
+        if (nodes_[i].loop == k + 1 && early[i] == before) list(i);
+      items.push_back({before ? Item::Kind::kLoopTest : Item::Kind::kLoopEnd, k});
+    }
+    next = l.end;
+  }
+  for (NodeIndex i = next; i < nodes_.size(); ++i)
+    if (nodes_[i].loop == 0) list(i);
+}
+
 /// A result is stored as soon as it is known and the column's old values are not needed any more.
 void RunSchedule::listStores(std::vector<Item>& items) const {
   std::vector<uint32_t> defined(nodes_.size(), 0), lastUse(nodes_.size(), 0);
@@ -90,6 +161,8 @@ void RunSchedule::listStores(std::vector<Item>& items) const {
     if (items[at].kind == Item::Kind::kRare)
       for (const NodeIndex i : rareResults_[items[at].index])
         if (i != kNever) defined[i] = at;
+    if (items[at].kind == Item::Kind::kLoopEnd)
+      forVariables(items[at].index, [&](uint32_t v) { defined[graph_.loopVariables()[v].result] = at; });
   }
   std::vector<uint32_t> columnRead;
   for (NodeIndex i = 0; i < nodes_.size(); ++i)
@@ -133,6 +206,11 @@ void RunSchedule::findKept() {
     else
       forOperands({Item::Kind::kNode, i}, keep);
   }
+  for (uint32_t k = 0; k < graph_.loops().size(); ++k)
+    for (const Item::Kind kind : {Item::Kind::kLoopBegin, Item::Kind::kLoopTest, Item::Kind::kLoopEnd})
+      forOperands({kind, k}, [&](NodeIndex i) {
+        if (needed_[i]) keep(i);
+      });
   for (const RunOutput& o : outputs_)
     if (!o.uniform) keep(o.value);
 }

@@ -107,7 +107,8 @@ bool RunRecorder::leavesWithin(uint32_t part, uint32_t i) const {
   const Instruction& in = p.code[i];
   if (in.jump == kNoIndex || in.jump >= p.code.size()) return false;
   const Op target = p.code[in.jump].op;
-  return in.op == Op::inline_return ? target == Op::inline_end : target == Op::illuminance_end;
+  if (in.op == Op::inline_return) return target == Op::inline_end;
+  return target == Op::illuminance_end || target == Op::loop_end || target == Op::loop_step;
 }
 
 /// Points would leave blocks that are not recorded.
@@ -127,6 +128,7 @@ RunRecorder::Extent RunRecorder::blockOf(uint32_t part, uint32_t begin, uint32_t
   const Step& s = exe.steps()[begin];
   if (depth > 0 && (s.op == Op::break_loop || s.op == Op::continue_loop || s.op == Op::inline_return))
     return leavesWithin(part, begin) ? Extent{begin + 1, 2} : Extent{};
+  if (s.op == Op::loop_begin) return part == 0 ? loopOf(begin, depth) : Extent{};
   if (isLightLoop(s.op)) return part == 0 ? lightsOf(begin, depth) : Extent{};
   if (s.op != Op::if_begin && s.op != Op::inline_begin && !(part > 0 && isEmission(s.op))) return {};
   if (s.jump == kNoIndex) return {};
@@ -149,6 +151,53 @@ RunRecorder::Extent RunRecorder::blockOf(uint32_t part, uint32_t begin, uint32_t
     const uint32_t condition = p.operands(p.code[begin])[0] & kArgIndex;
     if (nodes > (exe.varying(condition) ? kMostNodesVarying : kMostNodesUniform)) return {};
   }
+  return {end + 1, nodes};
+}
+
+std::pair<uint32_t, uint32_t> RunRecorder::placesOf(uint32_t begin) const {
+  const ShaderProgram& p = parts_[0].exe->program();
+  std::pair<uint32_t, uint32_t> places{kNoIndex, kNoIndex};
+  const uint32_t end = p.code[begin].jump;
+  for (uint32_t i = begin + 1; i < end; ++i) {
+    if (p.code[i].jump != end) continue;
+    if (p.code[i].op == Op::loop_test) places.first = i;
+    if (p.code[i].op == Op::loop_step) places.second = i;
+  }
+  return places;
+}
+
+bool RunRecorder::hasLoop(uint32_t begin, uint32_t end) const {
+  const auto& code = parts_[0].exe->program().code;
+  return std::any_of(code.begin() + begin, code.begin() + end,
+                     [](const Instruction& in) { return in.op == Op::loop_begin; });
+}
+
+/// Loops that points leave at different times; where all take the same number of turns, a pass over the batch
+/// for each turn costs little. No loops in loops.
+RunRecorder::Extent RunRecorder::loopOf(uint32_t begin, uint32_t depth) const {
+  const Executable& exe = *parts_[0].exe;
+  const ShaderProgram& p = exe.program();
+  const uint32_t end = p.code[begin].jump;
+  const auto [test, step] = placesOf(begin);
+  if (test == kNoIndex || step == kNoIndex || !exe.varying(p.operands(p.code[test])[0] & kArgIndex))
+    return {};
+  if (hasLoop(begin + 1, end)) return {};
+  for (uint32_t i = begin + 1; i < end; ++i) {
+    const Op op = p.code[i].op;
+    const bool jump = op == Op::break_loop || op == Op::continue_loop || op == Op::inline_return;
+    if (jump && p.code[i].jump > end) return {};
+  }
+  uint32_t nodes = 20;
+  for (uint32_t i = begin + 1; i < end;) {
+    if (i == test || i == step) {
+      ++i;
+      continue;
+    }
+    const Extent e = instructionOf(0, i, depth + 1);
+    if (e.end == 0) return {};
+    i = e.end, nodes += e.nodes;
+  }
+  if (nodes > kMostNodesOfLights) return {};
   return {end + 1, nodes};
 }
 
@@ -344,12 +393,18 @@ void RunRecorder::leaveLoop(const Step& s) {
   auto n =
       std::max(1u, uint32_t(std::clamp(__builtin_bit_cast(float, graph.nodes()[count].imm), 1.0f, 64.0f)));
   size_t target = blocks_.size();
-  while (target > 0 && !(blocks_[target - 1].kind == Block::Kind::kLights && --n == 0)) --target;
+  const auto isLoop = [](const Block& b) {
+    return b.kind == Block::Kind::kLights || b.kind == Block::Kind::kLoop;
+  };
+  while (target > 0 && !(isLoop(blocks_[target - 1]) && --n == 0)) --target;
   if (target == 0) {
     failed_ = true;
     return;
   }
-  if (s.op == Op::break_loop) {
+  if (blocks_[target - 1].kind == Block::Kind::kLoop) {
+    NodeIndex& goingOn = blocks_[target - 1].other;
+    if (s.op == Op::continue_loop) goingOn = graph.binary(VectorOp::kOr, goingOn, mask_);
+  } else if (s.op == Op::break_loop) {
     if (blocks_[target - 1].ahead) lightsAreMissed();
     blocks_[target - 1].other = without(blocks_[target - 1].other, mask_);
   }
@@ -375,6 +430,8 @@ void RunRecorder::recordRange(uint32_t begin, uint32_t end) {
       i = recordIf(i);
     } else if (s.op == Op::inline_begin) {
       i = recordInline(i);
+    } else if (s.op == Op::loop_begin) {
+      i = recordLoop(i);
     } else if (isLightLoop(s.op)) {
       i = recordLights(i);
     } else if (isEmission(s.op)) {
@@ -400,7 +457,11 @@ void RunRecorder::recordStep(const Step& s) {
   for (uint32_t k = 0; k < s.argCount; ++k) operands_[k] = {this, k};
   recorded::KernelCall call;
   call.arg = operands_.data(), call.argCount = s.argCount;
-  recordedKernels().op[size_t(s.op)](call);
+  // The kernel would look at what its result has been.
+  if (s.op == Op::assign_f || s.op == Op::assign_t)
+    for (uint32_t c = 0; c < (s.op == Op::assign_f ? 1u : 3u); ++c) write(0, c, read(1, c));
+  else
+    recordedKernels().op[size_t(s.op)](call);
   ++steps_, varyingSteps_ += s.varying;
 }
 
@@ -463,6 +524,65 @@ uint32_t RunRecorder::recordInline(uint32_t i) {
   recordRange(i + 1, end);
   setMask(blocks_.back().saved);
   blocks_.pop_back();
+  return end + 1;
+}
+
+/// for and while: one turn, from variables that the graph's loop carries on.
+uint32_t RunRecorder::recordLoop(uint32_t i) {
+  const Executable& exe = *parts_[0].exe;
+  const ShaderProgram& p = exe.program();
+  const uint32_t end = step(i).jump;
+  const auto [test, stepBegin] = placesOf(i);
+  const NodeIndex outer = mask_;
+  // Whatever a turn may write.
+  std::vector<uint32_t> symbols;
+  bool lights = false;
+  for (uint32_t k = i + 1; k < end; ++k) {
+    lights = lights || isLightLoop(p.code[k].op);
+    for (const uint32_t a : p.operands(p.code[k]))
+      if ((a & kArgWritten) && p.symbol(a).type != SlType::kString) symbols.push_back(a & kArgIndex);
+  }
+  for (const GlobalId id : {GlobalId::k_L, GlobalId::k_Cl, GlobalId::k_Ol})
+    if (lights && exe.global(id) != kNoIndex) symbols.push_back(exe.global(id));
+  std::sort(symbols.begin(), symbols.end());
+  symbols.erase(std::unique(symbols.begin(), symbols.end()), symbols.end());
+  struct Carried {
+    uint32_t column;
+    NodeIndex value, exit;
+  };
+  std::vector<Carried> carried;
+  // Points that the run is not for must not keep it turning.
+  const NodeIndex first = both(graph.mask(), outer);
+  std::vector<NodeIndex> initial;
+  for (const uint32_t s : symbols)
+    for (uint32_t c = 0; c < p.symbols[s].floats(); ++c) {
+      initial.push_back(current(0, s, c));
+      carried.push_back({exe.firstColumn(s) + c, 0, 0});
+    }
+  graph.beginLoop();
+  const NodeIndex live = graph.loopValue(first);
+  for (size_t k = 0; k < carried.size(); ++k)
+    parts_[0].values[carried[k].column] = carried[k].value = graph.loopValue(initial[k]);
+  blocks_.push_back({Block::Kind::kLoop, outer, 0});
+  setMask(live);
+  recordRange(i + 1, test);
+  for (Carried& c : carried) c.exit = parts_[0].values[c.column];
+  step_ = &step(test);
+  const NodeIndex condition = read(0, 0);
+  const NodeIndex more = both(
+      mask_, graph.binary(VectorOp::kCompare, condition, graph.constant(0.0f), uint32_t(Compare::kNotEqual)));
+  setMask(more);
+  recordRange(test + 1, stepBegin);
+  setMask(graph.binary(VectorOp::kOr, mask_, blocks_.back().other));
+  recordRange(stepBegin + 1, end);
+  graph.loopResult(0, mask_, live);
+  for (uint32_t k = 0; k < carried.size(); ++k) {
+    NodeIndex& value = parts_[0].values[carried[k].column];
+    value = graph.loopResult(k + 1, value, carried[k].exit);
+  }
+  graph.endLoop(more);
+  blocks_.pop_back();
+  setMask(outer);
   return end + 1;
 }
 

@@ -28,6 +28,7 @@ class RunRecorder final : public OperandRecorder {
   Extent block(uint32_t begin) const { return blockOf(0, begin, 0); }
   /// The same of any instruction.
   Extent instruction(uint32_t i) const { return instructionOf(0, i, 0); }
+  bool hasLoop(uint32_t begin, uint32_t end) const;
   bool isNothing(uint32_t i) const { return parts_[0].exe->steps()[i].op == Op::nop; }
 
   /// Forgets everything but what it was made for.
@@ -72,9 +73,9 @@ class RunRecorder final : public OperandRecorder {
     std::vector<uint32_t> touched;
   };
   struct Block {
-    enum class Kind : uint8_t { kIf, kInline, kLights, kEmission } kind;
+    enum class Kind : uint8_t { kIf, kInline, kLights, kEmission, kLoop } kind;
     NodeIndex saved;  // who is active behind it
-    NodeIndex other;  // kLights: who still takes part
+    NodeIndex other;  // kLights: who still takes part. kLoop: who has gone on to the next turn
     uint32_t light = 0;
     bool ahead = false;  // kLights: some of its lights run before the code
   };
@@ -90,6 +91,9 @@ class RunRecorder final : public OperandRecorder {
   Extent blockOf(uint32_t part, uint32_t begin, uint32_t depth) const;
   Extent instructionOf(uint32_t part, uint32_t i, uint32_t depth) const;
   Extent lightsOf(uint32_t begin, uint32_t depth) const;
+  Extent loopOf(uint32_t begin, uint32_t depth) const;
+  /// Where a loop's condition is tested, and where its step begins.
+  std::pair<uint32_t, uint32_t> placesOf(uint32_t begin) const;
   bool leavesWithin(uint32_t part, uint32_t i) const;
   bool jumpsOut(uint32_t begin, uint32_t end) const;
 
@@ -97,6 +101,7 @@ class RunRecorder final : public OperandRecorder {
   uint32_t recordIf(uint32_t i);
   uint32_t recordInline(uint32_t i);
   uint32_t recordLights(uint32_t i);
+  uint32_t recordLoop(uint32_t i);
   void recordLight(uint32_t light, NodeIndex alive);
   bool canAskAhead(uint32_t i);
   void lightsAreMissed();

@@ -36,6 +36,8 @@ uint32_t operandCount(VectorOp op) {
     case VectorOp::kLoad:
     case VectorOp::kLoadUniform:
     case VectorOp::kMask:
+    case VectorOp::kLoopValue:
+    case VectorOp::kLoopResult:
     case VectorOp::kRare:
       return 0;
     case VectorOp::kSqrt:
@@ -64,6 +66,8 @@ void ValueGraph::clear() {
   rare_.clear();
   known_.clear();
   constant(0u);
+  loops_.clear();
+  loopVariables_.clear();
 }
 
 NodeIndex ValueGraph::find(const Node& n) {
@@ -89,6 +93,8 @@ NodeIndex ValueGraph::add(Node n) {
   if (constants && fold(n, bits)) return constant(bits);
   NodeIndex simple;
   if (simplify(n, simple)) return simple;
+  const NodeIndex rest[] = {n.a, n.b, n.c};
+  for (uint32_t k = 0; k < operandCount(n.op); ++k) n.loop = std::max(n.loop, nodes_[rest[k]].loop);
   return find(n);
 }
 
@@ -394,9 +400,39 @@ void ValueGraph::rare(RareCase kind, NodeIndex where, const NodeIndex* in, int i
   bool uniform = nodes_[where].uniform;
   for (const NodeIndex i : r.in) uniform = uniform && nodes_[i].uniform;
   for (const NodeIndex i : r.usual) uniform = uniform && nodes_[i].uniform;
+  uint32_t loop = nodes_[where].loop;
+  for (const NodeIndex i : r.in) loop = std::max(loop, nodes_[i].loop);
+  for (const NodeIndex i : r.usual) loop = std::max(loop, nodes_[i].loop);
   const auto index = NodeIndex(rare_.size());
   rare_.push_back(std::move(r));
-  for (int i = 0; i < count; ++i) results[i] = find({VectorOp::kRare, uniform, uint32_t(i), index, 0, 0});
+  for (int i = 0; i < count; ++i)
+    results[i] = find({VectorOp::kRare, uniform, uint32_t(i), index, 0, 0, loop});
+}
+
+void ValueGraph::beginLoop() {
+  GraphLoop l;
+  l.begin = uint32_t(loopVariables_.size());
+  loops_.push_back(l);
+}
+NodeIndex ValueGraph::loopValue(NodeIndex initial) {
+  LoopVariable v;
+  v.initial = initial;
+  v.value =
+      find({VectorOp::kLoopValue, false, uint32_t(loopVariables_.size()), 0, 0, 0, uint32_t(loops_.size())});
+  loopVariables_.push_back(v);
+  return v.value;
+}
+NodeIndex ValueGraph::loopResult(uint32_t k, NodeIndex next, NodeIndex exit) {
+  const uint32_t index = loops_.back().begin + k;
+  LoopVariable& v = loopVariables_[index];
+  v.next = next, v.exit = exit;
+  v.result = leaf(VectorOp::kLoopResult, index, false);
+  return v.result;
+}
+void ValueGraph::endLoop(NodeIndex more) {
+  GraphLoop& l = loops_.back();
+  l.behind = uint32_t(loopVariables_.size());
+  l.more = more, l.end = NodeIndex(nodes_.size());
 }
 
 }  // namespace fr

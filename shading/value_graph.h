@@ -23,6 +23,9 @@ enum class VectorOp : uint8_t {
   kLoad,
   kLoadUniform,
   kMask,
+  // A variable of a loop, `imm` of loopVariables(): before each turn, and behind the loop.
+  kLoopValue,
+  kLoopResult,
   // Floats; min and max give the second operand when either is NaN or both are 0.
   kAdd,
   kSub,
@@ -62,6 +65,19 @@ struct Node {
   bool uniform = true;  // the same for all points
   uint32_t imm = 0;
   NodeIndex a = 0, b = 0, c = 0;
+  uint32_t loop = 0;  // 1 + index into loops(): differs from turn to turn
+};
+
+/// What a loop carries from turn to turn.
+struct LoopVariable {
+  NodeIndex initial = 0, value = 0, result = 0;
+  NodeIndex next = 0;  // `value` of the next turn
+  NodeIndex exit = 0;  // when the loop is left
+};
+/// Ends where no point of `more` is left; nodes up to `end` were added by then.
+struct GraphLoop {
+  uint32_t begin = 0, behind = 0;  // its variables
+  NodeIndex more = 0, end = 0;
 };
 /// Operands of a node that are nodes.
 uint32_t operandCount(VectorOp op);
@@ -97,6 +113,16 @@ class ValueGraph {
   /// Replaces `results` (the usual values) by what they are once the rare case has been looked at.
   void rare(RareCase kind, NodeIndex where, const NodeIndex* in, int inputs, NodeIndex* results, int count);
 
+  /// Loops follow one another. Until endLoop(), what depends on loopValue() is computed once a turn.
+  void beginLoop();
+  /// A variable of the loop, as it is before a turn.
+  NodeIndex loopValue(NodeIndex initial);
+  /// Variable k of the loop: what it becomes, and what is read of it behind the loop.
+  NodeIndex loopResult(uint32_t k, NodeIndex next, NodeIndex exit);
+  void endLoop(NodeIndex more);
+  const std::vector<GraphLoop>& loops() const { return loops_; }
+  const std::vector<LoopVariable>& loopVariables() const { return loopVariables_; }
+
   const std::vector<Node>& nodes() const { return nodes_; }
   const std::vector<RareNode>& rareCases() const { return rare_; }
   bool isConstant(NodeIndex i) const { return nodes_[i].op == VectorOp::kConstant; }
@@ -130,6 +156,8 @@ class ValueGraph {
 
   std::vector<Node> nodes_;
   std::vector<RareNode> rare_;
+  std::vector<GraphLoop> loops_;
+  std::vector<LoopVariable> loopVariables_;
   std::unordered_map<Node, NodeIndex, Hash, Same> known_;
 };
 
