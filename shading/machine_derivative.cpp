@@ -1,5 +1,6 @@
 // Derivatives: differences between neighbours of the batch, and what is made of them.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -76,10 +77,13 @@ void Machine::fillFromNeighbours(const Frame& f, const DerivativeStencil& d, con
   const auto isZero = [&](uint32_t i) {
     return normal.at(i, 0) == 0 && normal.at(i, 1) == 0 && normal.at(i, 2) == 0;
   };
-  // Mostly there is none.
-  bool any = false;
+  // Mostly there is none, and looking for it takes a few instructions a vector.
+  uint32_t any = 0;
   const float *const x = normal.comp(0), *const y = normal.comp(1), *const z = normal.comp(2);
-  for (uint32_t i = 0; i < d.used; ++i) any |= (x[i] == 0) & (y[i] == 0) & (z[i] == 0);
+  for (uint32_t i = 0; i < d.used; ++i) {
+    const auto bits = [i](const float* v) { return std::bit_cast<uint32_t>(v[i]); };
+    any |= (bits(x) | bits(y) | bits(z)) << 1 ? 0u : 1u;  // signs aside
+  }
   for (uint32_t i = 0; any && i < d.used; ++i) {
     if (f.mask[i] == 0 || !isZero(i)) continue;
     for (const uint16_t j : {d.vHi[i], d.vLo[i], d.uHi[i], d.uLo[i]}) {
