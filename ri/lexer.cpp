@@ -251,7 +251,8 @@ void Lexer::lexWord() {
 // Programs of Windows end strings with a folder's backslash: "C:\tex\". Read by the rules, that is a
 // quotation mark inside a string which goes on to the next one, somewhere else. It is taken for the string's
 // end where nothing can have been quoted and a token could end: at once if the string holds a path with a
-// drive, else if the line ends before the string does.
+// drive, else if the line ends before the string does. Quotation marks of such a line that stay behind begin
+// no string that ends in it, so the line is not read on for each of them.
 void Lexer::lexString() {
   ++cur_;
   text_.clear();
@@ -275,12 +276,15 @@ void Lexer::lexString() {
   for (;;) {
     const char* p = cur_;
     while (p < end_ && *p != '"' && *p != '\\') ++p;
-    if (maybe && std::find_if(cur_, p, [](char c) { return c == '\n' || c == '\r'; }) != p)
+    if (maybe && std::find_if(cur_, p, [](char c) { return c == '\n' || c == '\r'; }) != p) {
+      noEndBefore_ = offsetOf(cur_);
       return endThere(*maybe);
+    }
     text_.append(cur_, p);
     cur_ = p;
     if (p == end_) {
       if (refill(keepAt())) continue;
+      noEndBefore_ = offsetOf(cur_);
       return maybe ? endThere(*maybe) : bad("unterminated string");
     }
     ++cur_;
@@ -291,9 +295,10 @@ void Lexer::lexString() {
     drive = drive || (*cur_ != '\\' && text_.size() >= escaped + 2 && endsInDrive(text_));
     if (*cur_ == '"') {
       const char after = cur_ + 1 < end_ ? cur_[1] : ' ';
-      if (!quoted && !maybe && (classOf(after) == kBlank || after == ']')) {
+      const bool named = !text_.empty() && classOf(text_.back()) != kBlank;  // no folder ends in a blank
+      if (named && !quoted && !maybe && (classOf(after) == kBlank || after == ']')) {
         maybe = End{offsetOf(cur_ + 1), text_.size()};
-        if (drive) return endThere(*maybe);
+        if (drive || maybe->offset <= noEndBefore_) return endThere(*maybe);
       }
       quoted = !quoted;
     }

@@ -129,6 +129,7 @@ class Lexer {
   bool nonFinite_ = false;
   bool comma_ = false;
   bool endedByBackslash_ = false;
+  uint64_t noEndBefore_ = 0;  // no string that begins before this offset ends before it
   std::optional<Error> inputError_;
 
   TokenKind kind_ = TokenKind::kEnd;

@@ -4,6 +4,7 @@
 #include <rapidcheck.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -114,9 +115,21 @@ TEST(Lexer, StringsThatEndInABackslash) {
   EXPECT_EQ(tokens("A \"tex\\\""), "R:A S:tex\\ ");
   EXPECT_EQ(tokens("\"say \\\" and\" B"), "S:say \" and R:B ");
   EXPECT_EQ(tokens("\"one \\\"two\\\"\nthree\" B"), "S:one \"two\"\nthree R:B ");
+  EXPECT_EQ(tokens("\"one \\\"\ntwo\\\" three\" B"), "S:one \"\ntwo\" three R:B ");
   // Behind the window: what is read again has been kept.
   const std::string blanks(300000, ' ');
   EXPECT_EQ(tokens(blanks + "\"tex\\\" " + blanks + "\nB"), "S:tex\\ R:B ");
+}
+
+// One line of them: each is read once, not to the end of the line for each. (It would take minutes.)
+TEST(Lexer, ManyStringsThatEndInABackslash) {
+  std::string line = "\"a\\\"";
+  for (int i = 0; i < 100000; ++i) line += " a\\\" a\\\"";
+  for (const char* end : {"", "\nA"}) {
+    const std::string read = tokens(line + end);
+    EXPECT_EQ(read.substr(0, 21), "S:a\\ R:a\\ S: a\\ R:a\\ ");
+    EXPECT_EQ(size_t(std::ranges::count(read, 'S')), 100001u);
+  }
 }
 
 TEST(Lexer, CommasAreBlanks) {
