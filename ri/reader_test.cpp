@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 
@@ -571,6 +572,35 @@ TEST(Condition, Expressions) {
   EXPECT_FALSE(evaluateCondition("", lookup).ok());
   EXPECT_FALSE(evaluateCondition(std::string(100000, '('), lookup).ok());
   EXPECT_FALSE(evaluateCondition(std::string(100000, '!') + "1", lookup).ok());
+}
+
+TEST(SearchPath, FilesInOtherCasesComeLast) {
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "fr_other_case";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directories(folder / "Wood.rib");  // no file
+  const auto make = [&](const char* name) { std::ofstream(folder / name) << "Sides 1\n"; };
+  const auto find = [&](const char* name) {
+    bool moved = false;
+    const std::string found = findMovedFile(name, {"/no/such/folder", folder.string()}, moved);
+    return std::filesystem::path(found).filename().string() + (moved ? " moved" : "");
+  };
+  make("TREE.rib"), make("Tree.RIB");
+  // As if read long ago: what was read is kept until the folder changes.
+  const auto age = [&] {
+    std::filesystem::last_write_time(folder,
+                                     std::filesystem::file_time_type::clock::now() - std::chrono::hours(1));
+  };
+  age();
+  EXPECT_EQ(find("Tree.RIB"), "Tree.RIB");
+  EXPECT_EQ(find("C:\\trees\\Tree.RIB"), "Tree.RIB moved");
+  EXPECT_EQ(find("tree.rib"), "TREE.rib moved");
+  EXPECT_EQ(find("wood.rib"), "");
+  make("WOOD.RIB");
+  EXPECT_EQ(find("wood.rib"), "WOOD.RIB moved");
+  make("wood.RIB");  // soon after: within one tick of the clock, perhaps
+  std::filesystem::remove(folder / "WOOD.RIB");
+  EXPECT_EQ(find("wood.rib"), "wood.RIB moved");
+  std::filesystem::remove_all(folder);
 }
 
 TEST(SearchPath, ListsAndPlaceholders) {

@@ -4,10 +4,17 @@
 
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
+#include <mutex>
+#include <unordered_map>
 
 namespace fr::ri {
+
+namespace fs = std::filesystem;
+
 namespace {
 
 std::string expandEnvironment(std::string_view s) {
@@ -40,6 +47,36 @@ bool isFile(const std::filesystem::path& p) {
   return std::filesystem::exists(p, ec) && !std::filesystem::is_directory(p, ec) &&
          ::access(p.c_str(), R_OK) == 0;
 }
+
+std::string inLowerCase(std::string_view name) {
+  std::string r(name);
+  for (char& c : r)
+    if (c >= 'A' && c <= 'Z') c = char(c + ('a' - 'A'));
+  return r;
+}
+
+/// The names in a folder by what they are in lower case. Kept: a scene may look for thousands of files.
+struct Listing {
+  Listing() = default;
+  explicit Listing(const fs::path& folder) : read(fs::file_time_type::clock::now()) {
+    std::error_code error;
+    changed = fs::last_write_time(folder, error);
+    for (fs::directory_iterator i(folder, error), end; !error && i != end; i.increment(error)) {
+      std::string name = i->path().filename().string();
+      files[inLowerCase(name)].push_back(std::move(name));
+    }
+    // The first by name is taken: the order of a folder is no order.
+    for (auto& [lower, names] : files) std::sort(names.begin(), names.end());
+  }
+  /// A folder that was read soon after a change may have changed again within one tick of its clock.
+  bool isTrue(const fs::path& folder) const {
+    std::error_code error;
+    return changed == fs::last_write_time(folder, error) && changed + std::chrono::seconds(1) < read;
+  }
+
+  fs::file_time_type read = fs::file_time_type::min(), changed = fs::file_time_type::min();
+  std::unordered_map<std::string, std::vector<std::string>> files;
+};
 
 }  // namespace
 
@@ -80,20 +117,20 @@ std::string_view lastPart(std::string_view path) {
 }
 
 std::string findInOtherCase(std::string_view name, const std::vector<std::string>& folders) {
+  static std::mutex mutex;
+  static auto& listings = *new std::map<fs::path, Listing>;
   if (name.empty()) return {};
-  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? char(c + ('a' - 'A')) : c; };
+  const std::lock_guard lock(mutex);
   for (const std::string& f : folders) {
     std::error_code error;
-    // The first by name: the order of a folder is no order.
-    std::string best;
-    for (std::filesystem::directory_iterator i(f.empty() ? "." : f, error), end; !error && i != end;
-         i.increment(error)) {
-      const std::string here = i->path().filename().string();
-      if (std::ranges::equal(here, name, {}, lower, lower) && isFile(i->path()) &&
-          (best.empty() || here < best))
-        best = here;
-    }
-    if (!best.empty()) return (std::filesystem::path(f.empty() ? "." : f) / best).string();
+    const fs::path folder = fs::absolute(f.empty() ? "." : f, error);
+    if (error) continue;
+    Listing& listing = listings[folder];
+    if (!listing.isTrue(folder)) listing = Listing(folder);
+    const auto found = listing.files.find(inLowerCase(name));
+    if (found == listing.files.end()) continue;
+    for (const std::string& file : found->second)
+      if (isFile(folder / file)) return (fs::path(f.empty() ? "." : f) / file).string();
   }
   return {};
 }

@@ -19,7 +19,8 @@ std::string findFile(std::string_view name, const std::vector<std::string>& fold
 /// What follows the last '/' or '\\' of a path: its file, for either system.
 std::string_view lastPart(std::string_view path);
 
-/// The first file of `folders` whose name is `name` but for upper and lower case. "" = none.
+/// The first file of `folders` whose name is `name` but for upper and lower case. "" = none. Folders are read
+/// again only when they have changed. Thread-safe.
 std::string findInOtherCase(std::string_view name, const std::vector<std::string>& folders);
 
 /// As findFile; scenes also name the disks of the machines they were made on, some of which did not tell
