@@ -156,7 +156,7 @@ void report(const Error& e) {
     bool last = false;
     if (!mayPrint(r, e, last)) return;
     logMessage(e.severity, e.str());
-    if (last) logMessage(Severity::kInfo, "more messages like the last one are not printed");
+    if (last) logMessage(e.severity, "more messages like the last one are not printed");
   }
 }
 

@@ -4,6 +4,8 @@
 
 #include <vector>
 
+#include "base/log.h"
+
 namespace fr {
 namespace {
 
@@ -31,13 +33,16 @@ TEST(Error, ReportsAreCountedAndOnceMeansOnce) {
 
 TEST(Error, AHundredMessagesOfOneShapeAreEnough) {
   setReportSink({});
+  setLogLevel(Severity::kError);  // --quiet
   testing::internal::CaptureStderr();
   for (int i = 0; i < 500; ++i)
     report(makeError(RiError::kNoFile, "there is no texture \"a{}\" in {}", i, i));
   report(makeError(RiError::kRange, "something else"));
   const std::string text = testing::internal::GetCapturedStderr();
+  setLogLevel(Severity::kInfo);
   EXPECT_NE(text.find("\"a99\""), std::string::npos);
   EXPECT_EQ(text.find("\"a100\""), std::string::npos);
+  EXPECT_NE(text.find("more messages like the last one"), std::string::npos) << "as loud as they are";
   EXPECT_NE(text.find("something else"), std::string::npos);
   EXPECT_EQ(reportCount(Severity::kError), 501);
   setReportSink({});
