@@ -188,7 +188,8 @@ void writeFrameRecords(const ri::Options& o, const ri::TransformPtr& worldToCame
                                     Severity::kWarning,
                                     {},
                                     "transformations before Projection are not implemented; ignored"});
-  if (const std::string levels = o.values.getString("trace:levels", "auto");
+  const ri::Param* const given = o.values.find("trace:levels");
+  if (const std::string levels = given ? given->strings.empty() ? "a number" : given->strings[0] : "auto";
       levels != "auto" && levels != "on" && levels != "off")
     reportOnce(
         "trace levels",
