@@ -6,7 +6,7 @@
 #include "ri/reader.h"
 #include "ri/rib_writer.h"
 #include "scene_cache/rib_stream.h"
-#include "tools/shader_rays.h"
+#include "tools/shader_traits.h"
 #include "tools/texture_requests.h"
 
 namespace fr::libri {
@@ -28,7 +28,8 @@ class Scene final : public cache::SceneBuilder {
 cache::LoadOptions loadOptions() {
   cache::LoadOptions o;
   o.makeTexture = tools::makeRequestedTexture;
-  o.asksRays = tools::shaderRays({}, {});
+  auto [asksRays, movesPoints] = tools::shaderTraits({}, {});
+  o.asksRays = std::move(asksRays), o.movesPoints = std::move(movesPoints);
   // The current folder: what "beside the RIB" is to a program.
   o.overrides.textureFolders.emplace_back(".");
   return o;

@@ -116,14 +116,29 @@ double largestStretch(const DMat4& m) {
   return std::isfinite(r) ? r : 0;
 }
 
-ri::ShaderPtr movingSurface(const ri::AttributeState& a) {
-  const float radius = a.values.getFloat("displacementbound:sphere", 0);
-  return !a.displacement && radius > 0 && std::isfinite(radius) ? a.surface : nullptr;
-}
-
 AttributeRecords::AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state,
-                                   bool cameraMirrored, const Rates& rates)
-    : writer_(writer), state_(state), cameraMirrored_(cameraMirrored), rates_(rates) {}
+                                   bool cameraMirrored, const Rates& rates, const MovesPoints& movesPoints)
+    : writer_(writer),
+      state_(state),
+      cameraMirrored_(cameraMirrored),
+      rates_(rates),
+      movesPoints_(movesPoints) {}
+
+ri::ShaderPtr AttributeRecords::movingSurface(const ri::AttributeState& a) {
+  const float radius = a.values.getFloat("displacementbound:sphere", 0);
+  if (a.displacement || !a.surface || !(radius > 0) || !std::isfinite(radius)) return nullptr;
+  if (movesPoints_) {
+    const auto [known, fresh] = moves_.try_emplace(a.surface->name);
+    if (fresh) {
+      const auto& paths = state_.options().searchPaths;
+      const auto folders = paths.find("shader");
+      known->second = movesPoints_(a.surface->name,
+                                   folders == paths.end() ? std::vector<std::string>() : folders->second);
+    }
+    if (!known->second) return nullptr;
+  }
+  return a.surface;
+}
 
 TransformId AttributeRecords::transform(const ri::TransformPtr& t) {
   if (!t) return writer_.addTransform({{0.0f}, {DMat4(1)}});
@@ -230,7 +245,7 @@ AttributeRecord AttributeRecords::baseRecord(const ri::AttributeState& a, bool w
 }
 
 float AttributeRecords::displacementBound(const ri::AttributeState& a,
-                                          const ri::TransformPtr& objectToWorld) const {
+                                          const ri::TransformPtr& objectToWorld) {
   ri::ShaderPtr shader = a.displacement ? a.displacement : a.deformation;
   if (!shader) shader = movingSurface(a);
   if (!shader) return 0;

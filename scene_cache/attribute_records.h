@@ -1,7 +1,10 @@
 // Attribute states, shaders, lights and transforms of the RI as records of the skeleton.
 #pragma once
 
+#include <functional>
+#include <map>
 #include <memory>
+#include <string>
 #include <unordered_map>
 #include <vector>
 
@@ -47,11 +50,6 @@ struct Thinning {
   bool seen() const { return below < 1 - above; }
 };
 
-/// The surface shader where it may be meant to displace, as many did before there were displacement shaders:
-/// no other shader displaces, and there is a "displacementbound". Null elsewhere. Whether it moves its
-/// points, the shading system knows.
-ri::ShaderPtr movingSurface(const ri::AttributeState& a);
-
 /// The records of one world. Not thread-safe.
 class AttributeRecords {
  public:
@@ -59,9 +57,11 @@ class AttributeRecords {
     std::optional<float> shadingRate;      ///< replaces every ShadingRate
     std::optional<float> patchMultiplier;  ///< where the RIB has none
   };
+  using MovesPoints = std::function<bool(const std::string& shader, const std::vector<std::string>& folders)>;
   /// `cameraMirrored`: world to camera swaps handedness.
+  /// `movesPoints` as in LoadOptions; lives as long.
   AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, bool cameraMirrored,
-                   const Rates& rates);
+                   const Rates& rates, const MovesPoints& movesPoints);
 
   TransformId transform(const ri::TransformPtr& t);
   Result<ri::TransformPtr> toWorld(const ri::PlacedTransform& space) const { return state_.toWorld(space); }
@@ -69,6 +69,9 @@ class AttributeRecords {
   /// `subtracted`: it bounds a solid that is taken away from another (kSubtracted).
   AttributeId attributes(const ri::AttributePtr& a, const ri::TransformPtr& objectToWorld, Thinning thinning,
                          bool subtracted = false);
+  /// The surface shader where it displaces, as many did before there were displacement shaders: it moves
+  /// points, no other shader displaces, and there is a "displacementbound". Null elsewhere.
+  ri::ShaderPtr movingSurface(const ri::AttributeState& a);
   /// kNone for a null pointer.
   ShaderId shader(const ri::ShaderPtr& s);
   /// The shader of light `index` of the graphics state.
@@ -78,12 +81,14 @@ class AttributeRecords {
  private:
   AttributeRecord baseRecord(const ri::AttributeState& a, bool withLights);
   ShaderRecord shaderRecord(const ri::ShaderInstance& s);
-  float displacementBound(const ri::AttributeState& a, const ri::TransformPtr& objectToWorld) const;
+  float displacementBound(const ri::AttributeState& a, const ri::TransformPtr& objectToWorld);
 
   SkeletonWriter& writer_;
   const ri::GraphicsState& state_;
   bool cameraMirrored_;
   Rates rates_;
+  const MovesPoints& movesPoints_;
+  std::map<std::string, bool> moves_;  // what it said
   IdentityCache<ri::Transform, TransformId> transforms_;
   IdentityCache<ri::ShaderInstance, ShaderId> shaders_;
   IdentityCache<ri::AttributeState, AttributeRecord> states_;

@@ -32,7 +32,8 @@ struct SceneBuilder::World {
         const LoadOptions& options)
       : writer(w),
         counts(c),
-        records(w, state, cameraMirrored, {options.overrides.shadingRate, options.overrides.patchMultiplier}),
+        records(w, state, cameraMirrored, {options.overrides.shadingRate, options.overrides.patchMultiplier},
+                options.movesPoints),
         solids(w) {}
   SkeletonWriter& writer;
   FrameCounts& counts;

@@ -94,7 +94,7 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
 bool SceneBuilder::canShare(const ri::RetainedObject& object, const ri::AttributeState& a,
                             const ri::Transform& objectToWorld) const {
   if (objectToWorld.matrices.size() != 1 || !isInvertible(objectToWorld.matrices.front())) return false;
-  if (a.displacement || movingSurface(a) || a.areaLight >= 0 || a.bound || a.deformation ||
+  if (a.displacement || world_->records.movingSurface(a) || a.areaLight >= 0 || a.bound || a.deformation ||
       !detailThinning(a).seen() || world_->solids.open() || object.shapes.empty())
     return false;
   const DMat4& m = objectToWorld.matrices.front();

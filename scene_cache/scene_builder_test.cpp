@@ -173,6 +173,7 @@ TEST(SceneBuilder, LevelsAreOneOfThreeWords) {
   const Built b = build(world("Option \"trace\" \"string levels\" [\"sometimes\"]", kSphere));
   ASSERT_EQ(b.reports.size(), 1u);
   EXPECT_EQ(b.reports[0].code, RiError::kRange);
+  EXPECT_EQ(build(world("Option \"trace\" \"levels\" [0]", kSphere)).reports.size(), 1u);
 }
 
 TEST(SceneBuilder, CacheOriginFollowsTheCameraOnALattice) {
@@ -464,6 +465,34 @@ TEST(SceneBuilder, SeveralWorldsInAFile) {
   ASSERT_EQ(c.frames.size(), 1u);
   EXPECT_EQ(c.frames[0].number, 5);
   EXPECT_EQ(c.frames[0].skeleton.options().frameNumber, 5);
+}
+
+// Exporters write a bound for everything: what stands still is not made larger by it, and its instances
+// share.
+TEST(SceneBuilder, ABoundDisplacesOnlyBySurfacesThatMove) {
+  const std::string rib =
+      world("Option \"searchpath\" \"shader\" [\"here\"]",
+            "Attribute \"displacementbound\" \"float sphere\" [0.5] ObjectBegin 1 " + kSphere +
+                "ObjectEnd\nSurface \"still\" ObjectInstance 1 Translate 1 0 0 ObjectInstance 1\n"
+                "Surface \"swell\" " +
+                kSphere);
+  LoadOptions options;
+  options.movesPoints = [](const std::string& name, const std::vector<std::string>& folders) {
+    EXPECT_EQ(folders, std::vector<std::string>{"here"});
+    return name == "swell";
+  };
+  Built b = build(rib, options);
+  const Skeleton& s = b.frames.at(0).skeleton;
+  ASSERT_EQ(s.objects().size(), 4u) << "the second instance shows a prototype";
+  EXPECT_EQ(stateOf(s, 0).displacement, kNone);
+  EXPECT_EQ(stateOf(s, 0).displacementBound, 0);
+  EXPECT_EQ(stateOf(s, 3).displacement, stateOf(s, 3).surface);
+  EXPECT_GT(stateOf(s, 3).displacementBound, 0);
+  // Nobody knows: all may move.
+  Built unknown = build(rib);
+  const Skeleton& t = unknown.frames.at(0).skeleton;
+  ASSERT_EQ(t.objects().size(), 3u);
+  EXPECT_EQ(stateOf(t, 0).displacement, stateOf(t, 0).surface);
 }
 
 TEST(SceneBuilder, InstancesAreReplayed) {

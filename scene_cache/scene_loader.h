@@ -70,6 +70,9 @@ struct LoadOptions {
   /// camera ray can meet are opened only if some shader of the world can. Not set: all are opened, for guests
   /// that ask about everything.
   std::function<bool(const std::string& shader, const std::vector<std::string>& folders)> asksRays;
+  /// Whether the surface shader of this name moves points: it then displaces under a "displacementbound". Not
+  /// set: all may, so that none of their instances share grids.
+  std::function<bool(const std::string& shader, const std::vector<std::string>& folders)> movesPoints;
   /// Folder for skeletons in files whose pages need not stay in memory; empty: they are memory.
   std::string scratch;
   /// Compute the skeletons' checksums (for files; not needed between processes).

@@ -1,4 +1,4 @@
-// Which shaders of a scene can ask for rays, before the scene is complete.
+// What a scene needs to know of its shaders before it is complete.
 #pragma once
 
 #include <functional>
@@ -11,9 +11,12 @@
 
 namespace fr::tools {
 
-/// For cache::LoadOptions::asksRays. Shaders are searched where shaderFolders() will say; each is loaded or
-/// compiled at the first question about it. `first` as in shaderFolders().
-std::function<bool(const std::string&, const std::vector<std::string>&)> shaderRays(
-    std::string_view first, std::span<const cache::RibInput> inputs);
+/// For cache::LoadOptions.
+struct ShaderTraits {
+  std::function<bool(const std::string&, const std::vector<std::string>&)> asksRays, movesPoints;
+};
+/// Shaders are searched where shaderFolders() will say; each is loaded or compiled at the first question
+/// about it. `first` as in shaderFolders(). The answers are thread-safe.
+ShaderTraits shaderTraits(std::string_view first, std::span<const cache::RibInput> inputs);
 
 }  // namespace fr::tools

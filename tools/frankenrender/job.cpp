@@ -22,7 +22,7 @@
 #include "tools/frankenrender/frame_report.h"
 #include "tools/frankenrender/progress_bar.h"
 #include "tools/shader_folders.h"
-#include "tools/shader_rays.h"
+#include "tools/shader_traits.h"
 #include "tools/texture_requests.h"
 #include "tracer/inproc_oracle.h"
 #include "tracer/pipe_oracle.h"
@@ -191,7 +191,8 @@ bool renderFrames(const CommandLine& c, const MemoryBudget& memory) {
     cache::LoadOptions load = c.load;
     load.scratch = memory.folder();
     load.makeTexture = makeRequestedTexture;
-    load.asksRays = shaderRays(c.shaderPath, c.inputs);
+    auto [asksRays, movesPoints] = shaderTraits(c.shaderPath, c.inputs);
+    load.asksRays = std::move(asksRays), load.movesPoints = std::move(movesPoints);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd(), memory.folder()), &frame.counts());
       return !abortRequested();

@@ -23,6 +23,7 @@
 #include "shm/named_socket.h"
 #include "tools/rendrib/ray_server_command.h"
 #include "tools/shader_folders.h"
+#include "tools/shader_traits.h"
 #include "tracer/ray_server.h"
 
 namespace fr::tools {
@@ -65,6 +66,7 @@ Result<std::unique_ptr<cache::SceneCache>> loadFrame(const RayServerCommand& c, 
       makeError(RiError::kMissingData, "no world was found in the scene: there is nothing to serve");
   cache::LoadOptions load = c.load;
   load.scratch = scratch;
+  load.movesPoints = shaderTraits(c.shaderPath, c.inputs).movesPoints;
   const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
     opened = cache::SceneCache::create(frame.skeletonFd(), scratch);
     return false;

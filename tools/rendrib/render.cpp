@@ -17,7 +17,7 @@
 #include "tools/rendrib/command_line.h"
 #include "tools/rendrib/trace_report.h"
 #include "tools/shader_folders.h"
-#include "tools/shader_rays.h"
+#include "tools/shader_traits.h"
 #include "tools/texture_requests.h"
 
 namespace fr::tools {
@@ -161,7 +161,8 @@ int runScenes(RendribCommandLine c) {
         say(fmt::format("reading {}", i.path == "-" ? "standard input" : i.path));
     c.load.scratch = memory->folder();
     c.load.makeTexture = makeRequestedTexture;
-    c.load.asksRays = shaderRays(c.shaderPath, c.inputs);
+    auto [asksRays, movesPoints] = shaderTraits(c.shaderPath, c.inputs);
+    c.load.asksRays = std::move(asksRays), c.load.movesPoints = std::move(movesPoints);
     const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd(), memory->folder()), &frame.counts());
       return !abortRequested();

@@ -22,6 +22,7 @@
 #include "tools/scenecache/dice_all.h"
 #include "tools/scenecache/displacement.h"
 #include "tools/shader_folders.h"
+#include "tools/shader_traits.h"
 
 namespace fr::tools {
 using namespace cache;
@@ -144,6 +145,7 @@ int build(BuildOptions o) {
     o.scratch = std::filesystem::absolute(o.output, unknown).parent_path().string();
   }
   options.scratch = o.scratch;
+  options.movesPoints = shaderTraits({}, inputs).movesPoints;
   std::unique_ptr<shm::Pager> pager;
   if (o.budget != 0) {
     auto started = shm::Pager::start(o.budget);
