@@ -85,8 +85,16 @@ void StateRenderer::cropWindow(double xmin, double xmax, double ymin, double yma
 void StateRenderer::projection(std::string name, ParamList params) {
   if (!optionAllowed("Projection")) return;
   const bool first = motionSample("Projection");
-  if (motion_ && motion_->request == "Projection" && name == "perspective")
-    motion_->zooms.push_back(std::tan(params.getFloat("fov", 90) * 3.14159265358979323846 / 360));
+  if (motion_ && motion_->request == "Projection" && name == "perspective") {
+    double fov = double(params.getFloat("fov", 90));
+    if (!(fov > 0 && fov < 180)) {
+      if (!first)  // of the first one makeCamera() says so
+        reportHere(RiError::kRange, Severity::kWarning,
+                   fmt::format("Projection: fov {} is replaced by 90", fov));
+      fov = 90;
+    }
+    motion_->zooms.push_back(std::tan(fov * 3.14159265358979323846 / 360));
+  }
   if (first) state_.setProjection(std::move(name), std::move(params));
 }
 

@@ -386,6 +386,19 @@ TEST(Motion, AMovingProjectionZooms) {
   }
 }
 
+TEST(Motion, AZoomToNowhereIsSaid) {
+  for (const char* fov : {"0", "-20", "180", "1e30"}) {
+    Scene s;
+    s.read(std::string("Shutter 0 1 MotionBegin [0 1] Projection \"perspective\" \"fov\" 90 Projection "
+                       "\"perspective\" \"fov\" ") +
+           fov + " MotionEnd Translate 0 0 5 WorldBegin WorldEnd");
+    EXPECT_EQ(s.reports.count(RiError::kRange), 1) << fov << s.reports.str();
+    EXPECT_EQ(s.reports.errors.size(), 1u) << fov << s.reports.str();
+    ASSERT_EQ(s.cameras.size(), 1u);
+    expectNear(transformPoint(s.cameras[0].worldToCamera->at(1), DVec3(1, 0, 0)), {1, 0, 5});
+  }
+}
+
 TEST(Motion, DeformationsInAChainAreSaid) {
   Scene s;
   s.read(
