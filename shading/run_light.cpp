@@ -54,8 +54,9 @@ bool setsWhatItReads(const ShaderProgram& p) {
 
 bool runsAhead(const Executable& light) {
   const auto& code = light.program().code;
-  return std::none_of(code.begin(), code.end(),
-                      [](const Instruction& in) { return in.op == Op::msg_surface; });
+  return std::none_of(code.begin(), code.end(), [](const Instruction& in) {
+    return in.op == Op::msg_surface || in.op == Op::random_f || in.op == Op::random_t;
+  });
 }
 
 bool plainLight(const Executable& light) {

@@ -36,7 +36,8 @@ struct RunDifference {
 };
 
 /// A light that is not plain may run before the code of which the loop is a part: it asks nothing of the
-/// shader that it lights but where its points are.
+/// shader that it lights but where its points are, and draws no random numbers, which depend on how often it
+/// has run for a point.
 bool runsAhead(const Executable& light);
 
 /// What a plain light gives a point follows from its parameters, Ps and N alone: no other predefined
