@@ -256,6 +256,7 @@ void Lexer::lexWord() {
 void Lexer::lexString() {
   ++cur_;
   text_.clear();
+  endedByBackslash_ = false;
   bool drive = false, quoted = false;
   size_t escaped = 0;  // so much of the text ends in an escape: no drive is written as one
   struct End {

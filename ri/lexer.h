@@ -82,7 +82,7 @@ class Lexer {
   /// True once after commas, which are skipped.
   bool takeComma() { return std::exchange(comma_, false); }
   /// True once after a string whose last backslash would have escaped its end ("C:\tex\"): it was ended
-  /// there.
+  /// there. Of the last string alone.
   bool takeEndedByBackslash() { return std::exchange(endedByBackslash_, false); }
 
   std::shared_ptr<BinaryTables> tables() const { return tables_; }

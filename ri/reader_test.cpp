@@ -368,6 +368,12 @@ TEST(Reader, AStringThatEndsInABackslashIsSaidAtItsStart) {
   EXPECT_EQ(p->reports.errors[0].where.column, 32);
 }
 
+TEST(Reader, AStringAmongNumbersIsNotTakenForTheNextOne) {
+  const auto p = parse("Surface \"s\" \"float Ka\" [\"C:\\a\\\" 1] \"string map\" \"ok\"\n");
+  EXPECT_EQ(p->rib, "Surface \"s\" \"uniform string map\" [\"ok\"]\n");
+  EXPECT_EQ(p->reports.errors.size(), 1u) << p->reports.str();
+}
+
 TEST(Reader, LightsWithoutAHandle) {
   StateRenderer state;
   ReportCapture reports;
