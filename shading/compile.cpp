@@ -188,9 +188,9 @@ Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOp
   auto programs = compileShaders(path, *text, options, diagnostics);
   if (!programs) return std::move(programs).error();
   const std::string stem = std::filesystem::path(path).stem().string();
-  for (const std::string_view wanted : {name, std::string_view(stem)})
-    for (ShaderProgram& p : *programs)
-      if (p.name == wanted) return std::move(p);
+  for (ShaderProgram& p : *programs)
+    if (p.name == (name.empty() ? std::string_view(stem) : name)) return std::move(p);
+  if (!name.empty()) return makeError(RiError::kNoShader, "{} defines no shader '{}'", path, name);
   return std::move(programs->front());
 }
 

@@ -22,7 +22,8 @@ struct CompileOptions {
 /// FRANKENRENDER and BMRT are predefined. Never throws; bad input of any kind ends in an Error. Thread-safe.
 Result<std::vector<ShaderProgram>> compileShaders(const std::string& fileName, const std::string& source,
                                                   const CompileOptions& options, Diagnostics& diagnostics);
-/// The shader of that name, else the one called like the file, else the first.
+/// The shader of that name (kNoShader: the file has none); without a name the one called like the file, else
+/// the first.
 Result<ShaderProgram> compileShaderFile(const std::string& path, const CompileOptions& options,
                                         Diagnostics& diagnostics, std::string_view name = {});
 /// The first shader of a string. `fileName` is for messages and #include "..." only.

@@ -198,15 +198,18 @@ void ShaderLibrary::readFolders() {
         stems_.emplace(inLowerCase(stem.filename().string()), stem.string());
         if (folder == options_.standardShaders || std::string_view(ending) != ".sl") continue;
         if (const Result<std::string> text = readSourceFile(path))
-          for (std::string& name : definedShaders(*text)) sources_.emplace(std::move(name), path);
+          for (std::string& name : definedShaders(*text)) sources_[std::move(name)].push_back(path);
       }
 }
 
 /// A source under another name that defines the shader, or a file whose name differs in case.
 ShaderLibrary::Found ShaderLibrary::loadByContent(const std::string& name) {
   std::call_once(foldersRead_, [this] { readFolders(); });
-  if (const auto source = sources_.find(name); source != sources_.end())
-    return compile(source->second, {}, name);
+  if (const auto sources = sources_.find(name); sources != sources_.end())
+    for (const std::string& source : sources->second) {
+      Found f = compile(source, {}, name);
+      if (f || f.error().code != RiError::kNoShader) return f;  // else it stood in a comment
+    }
   if (const auto stem = stems_.find(inLowerCase(name)); stem != stems_.end()) {
     reportWarning(RiError::kNoShader, "there is no shader '{}'; {} is used instead", name, stem->second);
     bool exists = false;

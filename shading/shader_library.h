@@ -58,8 +58,8 @@ class ShaderLibrary {
   std::map<std::string, std::shared_future<std::shared_ptr<const Found>>> cache_;
   Statistics statistics_;
   std::once_flag foldersRead_;
-  std::map<std::string, std::string> sources_;  // by the shader that they define
-  std::map<std::string, std::string> stems_;    // paths without their endings, by their names in lower case
+  std::map<std::string, std::vector<std::string>> sources_;  // by the shader that they seem to define
+  std::map<std::string, std::string> stems_;  // paths without their endings, by their names in lower case
 };
 
 }  // namespace fr

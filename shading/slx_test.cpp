@@ -172,9 +172,11 @@ TEST(ShaderLibrary, FindsWhatAFileOfAnotherNameDefines) {
   fs::remove_all(folder);
   fs::create_directories(folder);
   std::ofstream(folder + "/several.sl")
-      << "/* surface third */ surface first() { Ci = 1; }\n"
+      << "/* surface third */ /* surface fourth() { Ci = 0; } */ surface first() { Ci = 1; }\n"
          "class\nsecond (float K = 3) { public void surface(output color Ci, Oi) "
          "{ Ci = K; } }\nfloat third (float x) { return x; }\n";
+  std::ofstream(folder + "/others.sl") << "/* surface fifth() {} */ surface others() { Ci = 1; }";
+  std::ofstream(folder + "/sources.sl") << "surface fifth() { Ci = 1; }";
   std::ofstream(folder + "/Mixed.sl") << "surface Mixed() { Ci = 1; }";
   ShaderLibrary::Options options;
   options.folders = {folder};
@@ -184,8 +186,10 @@ TEST(ShaderLibrary, FindsWhatAFileOfAnotherNameDefines) {
   EXPECT_EQ((*second)->name, "second");
   EXPECT_EQ((*second)->type, ShaderType::kSurface);
   EXPECT_EQ((*library.find("first"))->name, "first");
+  EXPECT_EQ((*library.find("fifth"))->name, "fifth") << "not where it stands in a comment";
   EXPECT_EQ((*library.find("mixed"))->name, "Mixed");
   EXPECT_FALSE(library.find("third").ok());
+  EXPECT_FALSE(library.find("fourth").ok()) << "not another one of the file";
 }
 
 TEST(BadInput, MutatedSourcesNeverCrash) {
