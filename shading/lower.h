@@ -185,6 +185,7 @@ class Lower {
   static int returnCount(const Stmt& s);
   const std::set<std::string>& assignedNames(const ast::Function& f);
   static std::set<std::string> assignmentTargets(const ast::Function& f);
+  static std::set<std::string> outerTargets(const ast::Function& f);
 
   // lower_statement.cpp
   void statement(const Stmt& s, bool tail);
@@ -219,6 +220,9 @@ class Lower {
   std::unordered_map<const Expr*, std::vector<std::pair<uint16_t, Call>>> calls_;
   std::unordered_map<const ast::Function*, std::set<std::string>> assigned_;
   std::set<std::string> unknown_;  // variables that were reported
+  /// Variables around functions that these assign to: an operand is what they are when it is read, whatever a
+  /// call to the right of it does.
+  std::set<std::string> changedByFunctions_;
   struct FoundShadeops {
     std::vector<const Shadeop*> overloads;
     std::string error;  // what is wrong with the library

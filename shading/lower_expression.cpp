@@ -99,7 +99,8 @@ Value Lower::nameValue(const Expr& e) {
   }
   if (b->isLocal && !b->isWritten && !b->isRead)
     warn(e.place, fmt::format("'{}' is used before it has a value", e.text), "", Lint::kCommon);
-  return {read(*b), b->type};
+  const Value v{read(*b), b->type};
+  return changedByFunctions_.count(e.text) ? kept(v) : v;
 }
 
 /// An extension that later shaders use: `(a + b)[1]`, `Ci[0]`. RSL 3.2 has comp() alone.

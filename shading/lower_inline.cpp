@@ -27,6 +27,13 @@ void collectAssigned(const ast::Stmt* s, bool byCalls, std::set<std::string>& na
   if (s->function && s->function->body) collectAssigned(s->function->body, byCalls, names);
 }
 
+/// Variables of a function's own.
+void collectDeclared(const ast::Stmt& s, std::set<std::string>& names) {
+  for (const ast::Variable& v : s.variables)
+    if (!v.isExtern) names.insert(v.name);
+  for (const ast::Stmt* b : s.body) collectDeclared(*b, names);
+}
+
 }  // namespace
 
 const std::set<std::string>& Lower::assignedNames(const ast::Function& f) {
@@ -38,6 +45,15 @@ const std::set<std::string>& Lower::assignedNames(const ast::Function& f) {
 std::set<std::string> Lower::assignmentTargets(const ast::Function& f) {
   std::set<std::string> names;
   if (f.body) collectAssigned(f.body, false, names);
+  return names;
+}
+
+/// What a function may change of the variables around it: all that it assigns to but its own.
+std::set<std::string> Lower::outerTargets(const ast::Function& f) {
+  std::set<std::string> names = assignmentTargets(f), own;
+  if (f.body) collectDeclared(*f.body, own);
+  for (const ast::Variable& v : f.formals) own.insert(v.name);
+  for (const std::string& name : own) names.erase(name);
   return names;
 }
 

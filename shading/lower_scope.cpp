@@ -68,7 +68,10 @@ Lower::Lower(const LowerInput& input, ProgramBuilder& builder, ShaderType type)
   bindGlobals();
   for (const ast::File* file : {input.prelude, input.file}) {
     if (!file) continue;
-    for (const ast::Function* f : file->functions) globals_.functions[f->name].push_back({f, &globals_});
+    for (const ast::Function* f : file->functions) {
+      globals_.functions[f->name].push_back({f, &globals_});
+      changedByFunctions_.merge(outerTargets(*f));
+    }
   }
 }
 

@@ -81,6 +81,7 @@ void Lower::statement(const Stmt& s, bool tail) {
       break;
     case StmtKind::kFunction:
       scope_->functions[s.function->name].push_back({s.function, scope_});
+      changedByFunctions_.merge(outerTargets(*s.function));
       break;
   }
 }

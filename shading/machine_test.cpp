@@ -353,6 +353,22 @@ TEST_F(MachineTest, ValuesThatDoNotFitAParameterAreMadeToOrLeftOut) {
   with("a", {3}, 1, 2, 6);
 }
 
+TEST_F(MachineTest, OperandsAreWhatTheyAreWhenTheyAreRead) {
+  auto s = f.shader(
+      "float down(float x) { extern float last; last = x - 1; return x; }"
+      "surface t(output varying float trail = 0) { float last = 20 + u * 0;"
+      " float up(float x) { trail += x; return trail; }"
+      " trail = 2 + u * 0; Oi = 1;"
+      " Ci = color(trail + up(5), up(1) - trail, last + down(4) + last); }");
+  ASSERT_TRUE(s) << f.error;
+  f.run(*s);
+  for (uint32_t i = 0; i < f.count; ++i) {
+    EXPECT_EQ(f.Ci(i, 0), 9) << "2 + 7";
+    EXPECT_EQ(f.Ci(i, 1), 0) << "8 - 8";
+    EXPECT_EQ(f.Ci(i, 2), 27) << "20 + 4 + 3";
+  }
+}
+
 TEST_F(MachineTest, RandomNumbersBelongToPointsNotToBatches) {
   auto s = f.shader(
       "surface t() { float i, r = 0; for (i = 0; i < 4; i += 1) { if (i <= u * 4) r += random(); }"
