@@ -21,7 +21,7 @@ namespace {
 
 /// Finely diced spheres that see each other: some million micropolygons, several times as much memory as the
 /// programs themselves.
-std::string scene(const std::string& surface = "mirror", const std::string& rate = "0.02") {
+std::string scene(const std::string& surface = "mirror", const std::string& rate = "0.012") {
   std::string s =
       "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 240 180 1\nPixelSamples 2 2\nProjection "
       "\"perspective\" "
@@ -103,6 +103,8 @@ TEST_F(MemoryBudget, TheSamePictureInsideTheBudget) {
       &held);
   ASSERT_EQ(o.exitCode, 0) << o.err;
   EXPECT_TRUE(readExr(w_.path() / "out.exr") == whole);
+  RecordProperty("free", std::to_string(free));
+  RecordProperty("held", std::to_string(held));
   EXPECT_LE(held, budget + budget / 4) << "without a budget: " << free;
   EXPECT_EQ(o.err.find("too small"), std::string::npos) << o.err;
   EXPECT_NE(o.out.find("let go"), std::string::npos) << o.out;
