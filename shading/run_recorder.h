@@ -65,6 +65,8 @@ class RunRecorder final : public OperandRecorder {
   ValueGraph graph;
 
  private:
+  static constexpr NodeIndex kUnknown = ~0u;  // a column that the run has not looked at
+
   /// The surface, or one of the lights.
   struct Part {
     const Executable* exe;
