@@ -36,9 +36,10 @@ double estimate(const DiceRate& rate, const Box3f& box, int depth) {
 
 }  // namespace
 
-double estimateMicropolygons(const DiceRate& rate, const Box3f& bound) {
+double estimateMicropolygons(const DiceRate& rate, const Box3f& bound, float displacement) {
   if (bound.empty() || !isFinite(bound.min) || !isFinite(bound.max)) return 0;
-  const double n = estimate(rate, bound, 0);
+  const Vec3 less = glm::min(Vec3(std::max(displacement, 0.0f)), 0.5f * (bound.max - bound.min));
+  const double n = estimate(rate, {bound.min + less, bound.max - less}, 0);
   return std::isfinite(n) ? std::max(n, 1.0) : 0;
 }
 

@@ -5,9 +5,10 @@
 
 namespace fr::cache {
 
-/// Micropolygons of a surface that fills `bound` (cache space) about once, rated as dicing will rate it. A
-/// rough figure (within a factor of a few for most patches) that depends on box and rate alone; 0 for an
+/// Micropolygons of a surface that fills `bound` (cache space) about once, rated as dicing will rate it:
+/// before it is displaced, so `displacement`, by which the box was grown for that, is taken off again. A
+/// rough figure (within a factor of a few for most patches) that depends on the arguments alone; 0 for an
 /// empty or infinite box.
-double estimateMicropolygons(const DiceRate& rate, const Box3f& bound);
+double estimateMicropolygons(const DiceRate& rate, const Box3f& bound, float displacement);
 
 }  // namespace fr::cache

@@ -20,6 +20,7 @@ using namespace cache;
 /// What a ray walks through: one level of a cluster. Never changes.
 struct Clusters::Tree {
   TracedPart part;
+  uint64_t recordBytes = 0;
 };
 
 struct alignas(64) Clusters::Cluster {
@@ -345,6 +346,7 @@ const Clusters::Tree* Clusters::build(Cluster& c, int level) {
       for (size_t i = 0; i < grids.size(); ++i)
         c.entryOfNode.emplace_back(grids[i].entry.node, first + uint32_t(i));
       std::sort(c.entryOfNode.begin(), c.entryOfNode.end());
+      recordBytes_.fetch_add(c.entryOfNode.capacity() * sizeof(c.entryOfNode[0]), std::memory_order_relaxed);
       c.listed.store(true, std::memory_order_release);  // SYNC: pairs with entryOf()
     }
     const std::lock_guard counting(mutex_);
@@ -352,6 +354,8 @@ const Clusters::Tree* Clusters::build(Cluster& c, int level) {
     counts_.quads += counts.quads, counts_.triangles += counts.triangles;
     counts_.geometries += counts.geometries, counts_.stitchQuads += counts.stitchQuads;
   }
+  tree->recordBytes = tree->part.recordBytes();
+  recordBytes_.fetch_add(tree->recordBytes, std::memory_order_relaxed);
   built_.fetch_add(1, std::memory_order_relaxed);
   clock_.fetch_add(1, std::memory_order_relaxed);  // trees age by those that are built after them
   const Tree* t = tree.release();
@@ -403,6 +407,7 @@ uint64_t Clusters::giveBack(uint64_t bytes) {
     const Tree* t = k.cluster->tree[k.level].exchange(nullptr, std::memory_order_seq_cst);
     if (!t) continue;
     evicted_.fetch_add(1, std::memory_order_relaxed);
+    recordBytes_.fetch_sub(t->recordBytes, std::memory_order_relaxed);
     {
       const std::lock_guard lock(mutex_);
       retired_.emplace_back(t);
@@ -424,6 +429,7 @@ void Clusters::count(RaySceneStatistics& s) const {
   s.grids += counts_.grids, s.meshlets += counts_.meshlets;
   s.quads += counts_.quads, s.triangles += counts_.triangles;
   s.geometries += counts_.geometries, s.stitchQuads += counts_.stitchQuads;
+  s.recordBytes += recordBytes_.load(std::memory_order_relaxed);
   s.clusters = clusters_.size(), s.clustersDiced = diced_.load(std::memory_order_relaxed);
   s.treesBuilt = built_.load(std::memory_order_relaxed),
   s.treesFreed = evicted_.load(std::memory_order_relaxed);

@@ -103,6 +103,7 @@ class Clusters {
   std::vector<std::unique_ptr<const Tree>> retired_;
   RaySceneStatistics counts_;
   std::atomic<uint64_t> diced_{0}, built_{0}, evicted_{0};
+  std::atomic<uint64_t> recordBytes_{0};  // beside Embree's: of trees, and of what outlives them
 };
 
 }  // namespace fr::tracer

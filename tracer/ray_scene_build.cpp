@@ -171,12 +171,16 @@ class RaySceneBuilder {
     const auto rateOf = [&](const ObjectRecord& o) {
       return diceRate(eye, skeleton.attributes()[o.attributes], o.type, o.fixedRate);
     };
+    const auto displacementOf = [&](const ObjectRecord& o) {
+      return skeleton.attributes()[o.attributes].displacementBound;
+    };
     const auto isBounded = [](const Box3f& b) { return !b.empty() && isFinite(b.min) && isFinite(b.max); };
     double total = 0;
     for (const ObjectId i : plain) {
       const DiceRate rate = rateOf(objects[i]);
       for (uint32_t p = 0; p < objects[i].patchCount && total <= options_.flatMicropolygons; ++p)
-        total += estimateMicropolygons(rate, roots[objects[i].firstPatch + p].bound);
+        total +=
+            estimateMicropolygons(rate, roots[objects[i].firstPatch + p].bound, displacementOf(objects[i]));
     }
     const LevelChoice levels = levelChoice();
     const bool large = total > options_.flatMicropolygons || levels == LevelChoice::kOn;
@@ -199,7 +203,8 @@ class RaySceneBuilder {
       }
       const DiceRate rate = rateOf(objects[i]);
       for (uint32_t p = 0; p < objects[i].patchCount; ++p)
-        addItems(objects[i].firstPatch + p, i, rate, roots[objects[i].firstPatch + p].bound, items, 0);
+        addItems(objects[i].firstPatch + p, i, rate, displacementOf(objects[i]),
+                 roots[objects[i].firstPatch + p].bound, items, 0);
     }
     if (items.empty()) return flat;
     scene_->clusters_ = std::make_unique<Clusters>(scene_->embree_->device, cache_, facts_, scene_->entries_,
@@ -209,15 +214,15 @@ class RaySceneBuilder {
     return flat;
   }
 
-  void addItems(NodeId node, ObjectId object, const DiceRate& rate, const Box3f& bound,
+  void addItems(NodeId node, ObjectId object, const DiceRate& rate, float displacement, const Box3f& bound,
                 std::vector<ClusterItem>& items, int depth) {
-    const double size = estimateMicropolygons(rate, bound);
+    const double size = estimateMicropolygons(rate, bound, displacement);
     if (depth < 64 && size > kLargeItem * options_.clusterMicropolygons) {
       const ResolvedNode r = cache_.resolve(node);
       if (r.state == NodeState::kSplit) {
         for (const NodeId child : r.children)
           if (child < cache_.nodeCount())
-            addItems(child, object, rate, cache_.node(child).bound, items, depth + 1);
+            addItems(child, object, rate, displacement, cache_.node(child).bound, items, depth + 1);
         return;
       }
     }

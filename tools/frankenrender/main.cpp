@@ -1,5 +1,6 @@
 #include <csignal>
 
+#include "base/freed_memory.h"
 #include "base/interrupt.h"
 #include "tools/frankenrender/command_line.h"
 #include "tools/frankenrender/job.h"
@@ -21,6 +22,7 @@ void endInOrder() {
 }  // namespace
 
 int main(int argc, char** argv) {
+  fr::returnFreedMemory();
   // A file that would grow beyond the limit is a failing write, not a signal.
   std::signal(SIGXFSZ, SIG_IGN);
   const fr::tools::ParsedCommandLine parsed = fr::tools::parseCommandLine(argc, argv);

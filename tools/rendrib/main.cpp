@@ -5,6 +5,7 @@
 #include <span>
 #include <string_view>
 
+#include "base/freed_memory.h"
 #include "base/log.h"
 #include "shm/peer.h"
 #include "tools/rendrib/ray_server_mode.h"
@@ -28,6 +29,7 @@ int serveRenderer() {
 }  // namespace
 
 int main(int argc, char** argv) {
+  fr::returnFreedMemory();
   fr::setLogName("rendrib");
   std::signal(SIGXFSZ, SIG_IGN);  // a file beyond the limit is a failing write
   const std::span<char*> arguments(argv + 1, size_t(argc > 0 ? argc - 1 : 0));
