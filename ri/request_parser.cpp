@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "base/interrupt.h"
 #include "ri/condition.h"
 #include "ri/rib_text.h"
 
@@ -595,6 +596,7 @@ Result<void> RequestParser::run() {
       skipToRequest();
       flushComments();
     }
+    if (interrupted()) return makeError(RiError::kNone, "stopped while the scene was read");
     if (abortRequested())
       return makeError(RiError::kNone, "stopped at the first error, as ErrorHandler asks");
   }

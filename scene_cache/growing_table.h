@@ -36,6 +36,7 @@ class GrowingTable {
       shm::SegmentOptions options;
       options.name = "frankenrender-table";
       options.reserve = kReserve;
+      options.addressShare = 1.0 / 64;  // there are half a dozen tables
       options.growStep = kStep;
       auto made = scratch_->empty() ? shm::Segment::createAnonymous(options, kStep)
                                     : shm::Segment::createScratch(*scratch_, options, kStep);

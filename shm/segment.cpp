@@ -111,6 +111,13 @@ Result<FileDescriptor> createMemory(const std::string& name) {
   return fd;
 }
 
+/// Bytes of address space that this process may have (ulimit -v); all ones: no limit.
+uint64_t addressLimit() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return ~uint64_t(0);
+  return uint64_t(limit.rlim_cur);
+}
+
 /// Refuses what would leave the machine or our control group without memory. The pages are not taken yet:
 /// without this look the kernel would hand them out and kill somebody afterwards.
 Result<void> checkMemory(const std::string& name, uint64_t bytes, uint64_t keepFree) {
@@ -132,7 +139,8 @@ struct Segment::State {
   uint64_t reserve = 0;  // bytes of file that the mapping can show
   bool file = false;
   bool writable = false;
-  bool exact = false;  // size() is the whole file: padding comes from the reservation
+  bool exact = false;    // size() is the whole file: padding comes from the reservation
+  bool limited = false;  // ulimit -v made the reservation smaller than it should be
   std::string finalPath;
   std::string temporaryPath;
   std::mutex growing;
@@ -152,21 +160,27 @@ struct Segment::State {
     return roundUp(bytes + kEndPadding, std::max(pageSize(), roundUp(options.growStep, pageSize())));
   }
 
-  /// Maps `reserve` bytes of the file, whatever its length now, with at least kEndPadding readable bytes
-  /// after them.
-  Result<void> map(uint64_t bytes) {
-    reserve = roundUp(std::clamp(bytes, pageSize(), kLargestReserve), pageSize());
+  /// Maps `wish` bytes of the file, whatever its length now, with at least kEndPadding readable bytes after
+  /// them; down to `least` where address space is limited.
+  Result<void> map(uint64_t least, uint64_t wish) {
+    if (const uint64_t limit = addressLimit(); !exact && limit != ~uint64_t(0)) {
+      const uint64_t share = std::max(uint64_t(double(limit) * options.addressShare), least);
+      limited = share < wish;
+      wish = std::min(wish, share);
+    }
+    reserve = roundUp(std::clamp(std::max(least, wish), pageSize(), kLargestReserve), pageSize());
     const uint64_t wanted = reserve;
     void* p = MAP_FAILED;
-    // Address space may be limited (ulimit -v): take less then.
+    // Its share may be taken by others already: less then.
     for (;; reserve = roundUp(reserve / 2, pageSize())) {
       reservationBytes = reserve + pageSize();
       p = ::mmap(nullptr, reservationBytes, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
       if (p != MAP_FAILED || reserve <= kSmallestReserve || exact) break;
     }
     if (p == MAP_FAILED) {
-      return makeError(RiError::kNoMem, "cannot reserve {} MiB of address space for '{}': {}", wanted >> 20,
-                       options.name, std::strerror(errno));
+      return makeError(RiError::kNoMem, "cannot reserve {} MiB of address space for '{}': {}{}", wanted >> 20,
+                       options.name, std::strerror(errno),
+                       addressLimit() != ~uint64_t(0) ? "; raise the limit (ulimit -v)" : "");
     }
     if (reserve < wanted) {
       reportWarning(RiError::kNoMem, "'{}' can grow to {} MiB only: not enough address space for {} MiB",
@@ -222,8 +236,7 @@ Result<Segment> Segment::createAnonymous(const SegmentOptions& options, uint64_t
   s.state_->fd = std::move(*fd);
   s.state_->options = options;
   s.state_->writable = true;
-  if (Result<void> r = s.state_->map(std::max(options.reserve, s.state_->needed(bytes))); !r)
-    return r.error();
+  if (Result<void> r = s.state_->map(s.state_->needed(bytes), options.reserve); !r) return r.error();
   s.data_ = static_cast<std::byte*>(s.state_->reservation);
   if (Result<void> r = s.grow(bytes); !r) return r.error();
   // Only now: seals are for the others, and nothing shrinks a segment that is not shared yet.
@@ -246,7 +259,7 @@ Result<Segment> Segment::createScratch(const std::string& folder, const SegmentO
   st.options.name = fmt::format("{} in the scratch folder {}", options.name, folder);
   st.file = true;
   st.writable = true;
-  if (Result<void> r = st.map(std::max(options.reserve, st.needed(bytes))); !r) return r.error();
+  if (Result<void> r = st.map(st.needed(bytes), options.reserve); !r) return r.error();
   s.data_ = static_cast<std::byte*>(st.reservation);
   if (Result<void> r = s.grow(bytes); !r) return r.error();
   return s;
@@ -274,7 +287,7 @@ Result<Segment> Segment::createFile(const std::string& path, const SegmentOption
   }
   if (!st.fd) return makeError(RiError::kNoFile, "cannot create '{}': {}", path, std::strerror(errno));
   st.finalPath = path;
-  if (Result<void> r = st.map(std::max(options.reserve, st.needed(bytes))); !r) return r.error();
+  if (Result<void> r = st.map(st.needed(bytes), options.reserve); !r) return r.error();
   s.data_ = static_cast<std::byte*>(st.reservation);
   if (Result<void> r = s.grow(bytes); !r) return r.error();
   return s;
@@ -297,7 +310,7 @@ Result<Segment> Segment::openFile(const std::string& path) {
   if (info.st_size <= 0) return makeError(RiError::kBadFile, "'{}' is empty", path);
   if (uint64_t(info.st_size) > kLargestReserve)
     return makeError(RiError::kBadFile, "'{}' is too large", path);
-  if (Result<void> r = st.map(uint64_t(info.st_size)); !r) return r.error();
+  if (Result<void> r = st.map(uint64_t(info.st_size), uint64_t(info.st_size)); !r) return r.error();
   s.data_ = static_cast<std::byte*>(st.reservation);
   st.raiseSize(st.usable(uint64_t(info.st_size)));
   return s;
@@ -332,7 +345,7 @@ Result<Segment> Segment::attach(FileDescriptor fd, Access access, const SegmentO
   const uint64_t bytes = fileSize(st.fd.get());
   if (bytes > kLargestReserve)
     return makeError(RiError::kBadFile, "'{}': the segment is too large", options.name);
-  if (Result<void> r = st.map(std::max(options.reserve, bytes)); !r) return r.error();
+  if (Result<void> r = st.map(bytes, options.reserve); !r) return r.error();
   s.data_ = static_cast<std::byte*>(st.reservation);
   s.refresh();
   return s;
@@ -372,8 +385,9 @@ Result<void> Segment::grow(uint64_t bytes) {
                      bytes >> 20, st.options.limit >> 20);
   }
   if (bytes > st.reserve - kEndPadding) {
-    return makeError(RiError::kLimit, "'{}' would need {} MiB: its address space ends at {} MiB",
-                     st.options.name, bytes >> 20, st.reserve >> 20);
+    return makeError(RiError::kLimit, "'{}' would need {} MiB: its address space ends at {} MiB{}",
+                     st.options.name, bytes >> 20, st.reserve >> 20,
+                     st.limited ? "; raise the limit (ulimit -v)" : "");
   }
   // The rounding up to whole steps must not be what exceeds the limit or the reservation.
   const uint64_t exactly = roundUp(bytes + kEndPadding, pageSize());

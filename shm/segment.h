@@ -17,8 +17,11 @@ enum class Access { kReadOnly, kReadWrite };
 struct SegmentOptions {
   std::string name = "frankenrender";  // what /proc/<pid>/maps shows for anonymous segments
   uint64_t reserve = 64ull << 30;      // bytes of address space; the segment can never outgrow them
-  uint64_t limit = ~0ull;              // bytes; growing beyond is an error (the memory budget)
-  uint64_t growStep = 4ull << 20;      // bytes; growth is rounded up to multiples of this
+  /// Where address space is limited (ulimit -v), the segment reserves no more than this part of it: it is not
+  /// the only one.
+  double addressShare = 1.0 / 8;
+  uint64_t limit = ~0ull;          // bytes; growing beyond is an error (the memory budget)
+  uint64_t growStep = 4ull << 20;  // bytes; growth is rounded up to multiples of this
   /// Bytes of memory that must remain available on the machine and in our control group after an anonymous
   /// segment has grown. File-backed segments are not held to it: the kernel can write their pages back.
   uint64_t keepFree = 64ull << 20;

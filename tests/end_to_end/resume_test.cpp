@@ -103,6 +103,7 @@ TEST(Resume, CtrlCKeepsTheFinishedBucketsInThePicture) {
   const Outcome stopped = f.render(true, SIGINT);
   EXPECT_EQ(stopped.exitCode, 130);
   EXPECT_NE(stopped.err.find("--resume goes on"), std::string::npos) << stopped.err;
+  EXPECT_EQ(stopped.err.find("ErrorHandler"), std::string::npos) << stopped.err;  // one message, not two
   const Picture part = readExr(f.picture);
   size_t equal = 0, empty = 0;
   for (int y = 0; y < 120; ++y)

@@ -198,7 +198,8 @@ bool renderFrames(const CommandLine& c, const MemoryBudget& memory) {
       return !abortRequested();
     });
     if (!loaded.ok()) {
-      report(loaded.error());
+      // A frame that the user stopped has said so.
+      if (!interrupted() || !failed) report(loaded.error());
       failed = true;
     } else if (frames == 0) {
       reportWarning(RiError::kNone, "no world was found in the scene: nothing was rendered");

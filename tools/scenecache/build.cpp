@@ -173,7 +173,7 @@ int build(BuildOptions o) {
     return !abortRequested();
   };
   if (auto r = loadScene(inputs, options, onFrame); !r) {
-    report(r.error());
+    if (!interrupted()) report(r.error());
     failed = true;
   }
   if (interrupted()) {
