@@ -80,6 +80,11 @@ void addList(std::vector<std::string>& to, const char* list) {
 
 }  // namespace
 
+bool isDepthDisplay(std::string_view type) {
+  return type == "zframebuffer" ||
+         std::find(kDepthTypes.begin(), kDepthTypes.end(), type) != kDepthTypes.end();
+}
+
 DisplayTarget resolveDisplayType(const std::string& type, const std::string& name,
                                  const std::vector<std::string>& searchPath) {
   DisplayTarget t;
@@ -91,7 +96,7 @@ DisplayTarget resolveDisplayType(const std::string& type, const std::string& nam
     t.driver = type;
     return t;
   }
-  t.isDepth = isOneOf(kDepthTypes) || type == "zframebuffer";
+  t.isDepth = isDepthDisplay(type);
   std::string format(formatNamed(type));
   if (format.empty()) {
     const bool isFile = type.empty() || type == "file" || isOneOf(kDepthTypes);

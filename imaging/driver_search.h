@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/error.h"
@@ -16,6 +17,9 @@ struct DisplayTarget {
   std::string path;        // the name, with an extension where the type needs one
   bool isDepth = false;    // zfile, shadow: depth unless the mode says more
 };
+
+/// Types whose picture is depth unless the mode says more: "zfile", "shadow", ...
+bool isDepthDisplay(std::string_view type);
 
 /// Maps RiDisplay's type and name. Types of windows ("framebuffer", "x11", "it", ...) become files, with one
 /// message; so do unknown types for which `searchPath` has no driver. "file" goes by the name's extension,

@@ -179,7 +179,8 @@ Result<void> FrameOutput::open() {
     }
     ++opened;
   }
-  if (opened == 0 && !displays_.empty()) return *firstError_;
+  if (opened == 0 && !displays_.empty())
+    return makeError(firstError_->code, "none of the displays could be opened: nothing is rendered");
   return {};
 }
 
@@ -282,7 +283,12 @@ Result<void> FrameOutput::finish() {
     if (d.failed || !d.file.isOpen()) continue;
     if (auto r = d.file.finish(); !r) fail(d, std::move(r.error()));
   }
-  if (firstError_) return *firstError_;
+  if (firstError_) {
+    const auto failed =
+        std::count_if(displays_.begin(), displays_.end(), [](const auto& d) { return d->failed; });
+    return makeError(firstError_->code, "{} of {} pictures {} not written", failed, displays_.size(),
+                     failed == 1 ? "was" : "were");
+  }
   return {};
 }
 

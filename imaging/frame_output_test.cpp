@@ -189,7 +189,9 @@ TEST_F(FrameOutputTest, UnwritableFolderIsOneClearErrorAndTheOthersGoOn) {
   FrameOutput out(g, {bad, good}, displaySearchPath({}));
   ASSERT_TRUE(out.open());
   out.addTile(rampTile(g.crop, 5));
-  EXPECT_FALSE(out.finish());
+  const auto r = out.finish();
+  ASSERT_FALSE(r);
+  EXPECT_EQ(r.error().message, "1 of 2 pictures was not written");  // which, and why, has been said
   ASSERT_EQ(messages_.size(), 1u);
   EXPECT_NE(messages_[0].find("nosuchfolder/a.exr"), std::string::npos);
   EXPECT_TRUE(fs::exists(path("b.exr")));

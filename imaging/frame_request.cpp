@@ -163,7 +163,7 @@ FrameLens frameLens(const cache::Skeleton& skeleton) {
   return lens;
 }
 
-std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {
+std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton, const std::string& picture) {
   const cache::OptionsRecord& o = skeleton.options();
   std::vector<DisplayRequest> all;
   for (const cache::DisplayRecord& d : skeleton.displays(o.displays)) {
@@ -192,6 +192,14 @@ std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton) {
     }
     all.push_back(std::move(r));
   }
+  if (picture.empty()) return all;
+  std::erase_if(all, [](const DisplayRequest& d) { return !isDepthDisplay(d.type); });
+  DisplayRequest r;
+  r.name = picture, r.type = "file", r.mode = "rgba";
+  r.quantizer = quantizerOf(o.quantizeRgba);
+  r.depthQuantizer = quantizerOf(o.quantizeZ);
+  r.exposure = {o.exposure[0], o.exposure[1]};
+  all.push_back(std::move(r));
   return all;
 }
 

@@ -35,8 +35,9 @@ FrameLens frameLens(const cache::Skeleton& skeleton);
 int frameBucketSize(const cache::Skeleton& skeleton, int asked, int samplesPerPixel);
 /// First number of an option, hider parameter ... of that name, or `otherwise`.
 float frameFloatOption(const cache::Skeleton& skeleton, cache::Slice list, const char* name, float otherwise);
-/// The frame's displays with their quantisers and exposures.
-std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton);
+/// The frame's displays with their quantisers and exposures. `picture`: a file for colour and alpha instead
+/// of them, but for depth files, which later frames may need as shadow maps; empty: none.
+std::vector<DisplayRequest> frameDisplays(const cache::Skeleton& skeleton, const std::string& picture = {});
 /// The hider's "depthfilter": how the samples of a pixel make its depth.
 struct DepthFilter {
   ChannelRule rule = ChannelRule::kMinimum;

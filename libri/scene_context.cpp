@@ -28,8 +28,10 @@ class Scene final : public cache::SceneBuilder {
 cache::LoadOptions loadOptions() {
   cache::LoadOptions o;
   o.makeTexture = tools::makeRequestedTexture;
-  auto [asksRays, movesPoints] = tools::shaderTraits({}, {});
-  o.asksRays = std::move(asksRays), o.movesPoints = std::move(movesPoints);
+  o.defaults.display = cache::kDefaultDisplay;
+  tools::ShaderTraits traits = tools::shaderTraits({}, {});
+  o.asksRays = std::move(traits.asksRays), o.movesPoints = std::move(traits.movesPoints);
+  o.takesString = std::move(traits.takesString);
   // The current folder: what "beside the RIB" is to a program.
   o.overrides.textureFolders.emplace_back(".");
   return o;

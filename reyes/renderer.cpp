@@ -77,7 +77,7 @@ Result<FrameStatistics> renderFrame(cache::SceneCache& cache, ShadingSystem& sha
 
   const FrameGeometry geometry = frameGeometry(skeleton);
   if (geometry.crop.empty()) return makeError(RiError::kRange, "the crop window holds no pixels");
-  std::vector<DisplayRequest> displays = frameDisplays(skeleton);
+  std::vector<DisplayRequest> displays = frameDisplays(skeleton, options.picture);
   if (auto fits = checkPictureFits(geometry, displays); !fits) return fits.error();
 
   FrameWork work;

@@ -26,6 +26,7 @@ struct RenderOptions {
   /// Empty: PixelSamples, or what the RIB's PixelVariance asks for.
   std::optional<AdaptiveSampling> adaptive;
   bool writeDisplays = true;  // false: only `pixels` gets the image
+  std::string picture;        // not empty: a file instead of the displays, as of frameDisplays()
   /// Renders some tiles alone, to see how noisy they are: nothing is written or told, the statistics are all.
   bool look = false;
   /// Keeps finished pixels beside the first display's picture while it is rendered, and goes on where an

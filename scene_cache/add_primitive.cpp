@@ -41,6 +41,25 @@ void Adding::warn(RiError code, std::string message) const {
   report(e);
 }
 
+namespace {
+
+/// As shaders can read it: they know neither integers nor weights.
+ParamRecord variable(SkeletonWriter& writer, const ri::Param& p) {
+  const bool integers = p.declaration.type == ri::ValueType::kInteger;
+  if (!integers && p.declaration.type != ri::ValueType::kHpoint) return writer.makeParam(p);
+  ri::Param read;
+  read.name = p.name;
+  read.declaration = p.declaration;
+  read.declaration.type = integers ? ri::ValueType::kFloat : ri::ValueType::kPoint;
+  read.floats.assign(p.ints.begin(), p.ints.end());
+  for (size_t i = 0; i + 3 < p.floats.size(); i += 4)
+    for (size_t c = 0; c < 3; ++c)
+      read.floats.push_back(p.floats[i + 3] != 0 ? p.floats[i + c] / p.floats[i + 3] : p.floats[i + c]);
+  return writer.makeParam(read);
+}
+
+}  // namespace
+
 ObjectRecord Adding::object(PrimitiveType type, const ri::ParamList& params) {
   ObjectRecord o{};
   o.type = type;
@@ -56,7 +75,7 @@ ObjectRecord Adding::object(PrimitiveType type, const ri::ParamList& params) {
   std::vector<ParamRecord> records;
   for (const ri::Param& p : params) {
     if (p.name == "P" || p.name == "Pw" || p.name == "Pz") continue;
-    records.push_back(writer.makeParam(p));
+    records.push_back(variable(writer, p));
   }
   o.primvars = writer.addParams(records);
   return o;

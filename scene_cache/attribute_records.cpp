@@ -117,27 +117,77 @@ double largestStretch(const DMat4& m) {
 }
 
 AttributeRecords::AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state,
-                                   bool cameraMirrored, const Rates& rates, const MovesPoints& movesPoints)
+                                   bool cameraMirrored, const Rates& rates, const MovesPoints& movesPoints,
+                                   const TakesString& takesString)
     : writer_(writer),
       state_(state),
       cameraMirrored_(cameraMirrored),
       rates_(rates),
-      movesPoints_(movesPoints) {}
+      movesPoints_(movesPoints),
+      takesString_(takesString) {}
+
+std::vector<std::string> AttributeRecords::shaderFolders() const {
+  const auto& paths = state_.options().searchPaths;
+  const auto folders = paths.find("shader");
+  return folders == paths.end() ? std::vector<std::string>() : folders->second;
+}
 
 ri::ShaderPtr AttributeRecords::movingSurface(const ri::AttributeState& a) {
   const float radius = a.values.getFloat("displacementbound:sphere", 0);
   if (a.displacement || !a.surface || !(radius > 0) || !std::isfinite(radius)) return nullptr;
   if (movesPoints_) {
     const auto [known, fresh] = moves_.try_emplace(a.surface->name);
-    if (fresh) {
-      const auto& paths = state_.options().searchPaths;
-      const auto folders = paths.find("shader");
-      known->second = movesPoints_(a.surface->name,
-                                   folders == paths.end() ? std::vector<std::string>() : folders->second);
-    }
+    if (fresh) known->second = movesPoints_(a.surface->name, shaderFolders());
     if (!known->second) return nullptr;
   }
   return a.surface;
+}
+
+ri::ShaderPtr AttributeRecords::withStrings(const ri::ShaderPtr& s,
+                                            const std::vector<const ri::Param*>& strings) {
+  if (!s) return s;
+  std::shared_ptr<ri::ShaderInstance> changed;
+  for (const ri::Param* p : strings) {
+    if (!takesString_(s->name, shaderFolders(), p->name)) continue;
+    if (p->valueCount() != 1) {
+      reportOnce(
+          "strings " + p->name,
+          {RiError::kUnimplemented,
+           Severity::kWarning,
+           {},
+           fmt::format("string \"{}\" of a primitive has {} values, and shaders see one for all of it; "
+                       "the parameter of shader \"{}\" stays",
+                       p->name, p->valueCount(), s->name)});
+      continue;
+    }
+    if (!changed) changed = std::make_shared<ri::ShaderInstance>(*s);
+    ri::Param parameter = *p;
+    parameter.declaration.storage = ri::StorageClass::kUniform;
+    changed->params.set(std::move(parameter));
+  }
+  return changed ? changed : s;
+}
+
+ri::AttributePtr AttributeRecords::withStrings(const ri::AttributePtr& a, const ri::ParamList& variables) {
+  if (!takesString_ || (!a->surface && !a->displacement)) return a;
+  std::vector<const ri::Param*> strings;
+  for (const ri::Param& p : variables)
+    if (p.declaration.type == ri::ValueType::kString) strings.push_back(&p);
+  if (strings.empty()) return a;
+  const auto same = [](const ri::Param* p, const ri::Param& q) { return *p == q; };
+  if (last_.from == a &&
+      std::equal(strings.begin(), strings.end(), last_.strings.begin(), last_.strings.end(), same))
+    return last_.to;
+  auto changed = std::make_shared<ri::AttributeState>(*a);
+  changed->surface = withStrings(a->surface, strings);
+  changed->displacement = withStrings(a->displacement, strings);
+  last_.from = a;
+  last_.to = changed->surface == a->surface && changed->displacement == a->displacement
+                 ? a
+                 : ri::AttributePtr(std::move(changed));
+  last_.strings.clear();
+  for (const ri::Param* p : strings) last_.strings.push_back(*p);
+  return last_.to;
 }
 
 TransformId AttributeRecords::transform(const ri::TransformPtr& t) {

@@ -58,10 +58,12 @@ class AttributeRecords {
     std::optional<float> patchMultiplier;  ///< where the RIB has none
   };
   using MovesPoints = std::function<bool(const std::string& shader, const std::vector<std::string>& folders)>;
+  using TakesString = std::function<bool(const std::string& shader, const std::vector<std::string>& folders,
+                                         const std::string& parameter)>;
   /// `cameraMirrored`: world to camera swaps handedness.
-  /// `movesPoints` as in LoadOptions; lives as long.
+  /// `movesPoints`, `takesString` as in LoadOptions; live as long.
   AttributeRecords(SkeletonWriter& writer, const ri::GraphicsState& state, bool cameraMirrored,
-                   const Rates& rates, const MovesPoints& movesPoints);
+                   const Rates& rates, const MovesPoints& movesPoints, const TakesString& takesString);
 
   TransformId transform(const ri::TransformPtr& t);
   Result<ri::TransformPtr> toWorld(const ri::PlacedTransform& space) const { return state_.toWorld(space); }
@@ -72,6 +74,9 @@ class AttributeRecords {
   /// The surface shader where it displaces, as many did before there were displacement shaders: it moves
   /// points, no other shader displaces, and there is a "displacementbound". Null elsewhere.
   ri::ShaderPtr movingSurface(const ri::AttributeState& a);
+  /// The state `a` for a primitive with these variables: strings (one for all of it) stand in for parameters
+  /// of its surface and displacement shaders, as numbers do when they are shaded. `a` itself where none does.
+  ri::AttributePtr withStrings(const ri::AttributePtr& a, const ri::ParamList& variables);
   /// kNone for a null pointer.
   ShaderId shader(const ri::ShaderPtr& s);
   /// The shader of light `index` of the graphics state.
@@ -81,6 +86,9 @@ class AttributeRecords {
  private:
   AttributeRecord baseRecord(const ri::AttributeState& a, bool withLights);
   ShaderRecord shaderRecord(const ri::ShaderInstance& s);
+  /// Folders of shaders that the RIB names.
+  std::vector<std::string> shaderFolders() const;
+  ri::ShaderPtr withStrings(const ri::ShaderPtr& s, const std::vector<const ri::Param*>& strings);
   float displacementBound(const ri::AttributeState& a, const ri::TransformPtr& objectToWorld);
 
   SkeletonWriter& writer_;
@@ -88,10 +96,16 @@ class AttributeRecords {
   bool cameraMirrored_;
   Rates rates_;
   const MovesPoints& movesPoints_;
+  const TakesString& takesString_;
   std::map<std::string, bool> moves_;  // what it said
   IdentityCache<ri::Transform, TransformId> transforms_;
   IdentityCache<ri::ShaderInstance, ShaderId> shaders_;
   IdentityCache<ri::AttributeState, AttributeRecord> states_;
+  // What withStrings() did last: neighbours in a file are often alike.
+  struct {
+    ri::AttributePtr from, to;
+    std::vector<ri::Param> strings;
+  } last_;
   // By index; the shader pointer tells whether the index still means the same light.
   std::unordered_map<int, std::pair<ri::ShaderPtr, ShaderId>> lights_;
 };

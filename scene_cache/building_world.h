@@ -33,7 +33,7 @@ struct SceneBuilder::World {
       : writer(w),
         counts(c),
         records(w, state, cameraMirrored, {options.overrides.shadingRate, options.overrides.patchMultiplier},
-                options.movesPoints),
+                options.movesPoints, options.takesString),
         solids(w) {}
   SkeletonWriter& writer;
   FrameCounts& counts;

@@ -177,6 +177,14 @@ ri::Options overridden(ri::Options o, const FrameOverrides& with, const FrameDef
     });
     for (const DisplayOverride& d : with.displays) o.displays.push_back({d.name, d.type, d.mode, {}});
   }
+  if (o.displays.empty() && otherwise.display) {
+    const DisplayOverride& d = *otherwise.display;
+    o.displays.push_back({d.name, d.type, d.mode, {}});
+    reportOnce("no display", {RiError::kNone,
+                              Severity::kInfo,
+                              {},
+                              fmt::format("the scene has no Display: the picture goes to {}", d.name)});
+  }
   return o;
 }
 

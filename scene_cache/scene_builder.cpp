@@ -164,8 +164,9 @@ bool SceneBuilder::add(const ri::PlacedPrimitive& p, float fixedRate) {
   } else {
     d.solid = w.solids.leaf();
   }
-  d.attributes = w.records.attributes(p.attributes, p.objectToWorld, detailThinning(*p.attributes),
-                                      d.solid != kNone && w.solids.isSubtracted(d.solid));
+  d.attributes =
+      w.records.attributes(w.records.withStrings(p.attributes, ri::paramsOf(primitive)), p.objectToWorld,
+                           detailThinning(*p.attributes), d.solid != kNone && w.solids.isSubtracted(d.solid));
   d.sides = fixedRate > 0 ? 0 : sides_;
   d.fixedRate = fixedRate;
   d.surfaceGroup = w.writer.surfaceGroup(d.attributes, d.transform, d.solid);

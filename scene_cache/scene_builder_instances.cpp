@@ -163,18 +163,21 @@ void SceneBuilder::addInstance(const ri::RetainedObject& object, const ri::Attri
   const uint32_t instance = w.writer.nextObject();
   size_t shape = object.shapes.size();
   ri::TransformPtr place;
+  ri::AttributePtr own;
   std::vector<RootPatchRecord> patches;
   for (const Retained::Part& part : parts) {
     if (part.shape != shape) {
       shape = part.shape;
       place = std::make_shared<const ri::Transform>(concat(objectToWorld, *object.shapes[shape].toObject));
+      const auto& source = std::get<ri::MovingPrimitivePtr>(object.shapes[shape].what);
+      own = w.records.withStrings(attributes, ri::paramsOf(source->samples.front()));
     }
     ObjectRecord o = w.writer.object(part.prototype);
     const NodeId from = o.firstPatch;
     o.prototype = part.prototype, o.instance = instance, o.fixedRate = 0;
     o.sides = sides_;
     o.transform = w.records.transform(place);
-    o.attributes = w.records.attributes(attributes, place, detailThinning(*attributes));
+    o.attributes = w.records.attributes(own, place, detailThinning(*attributes));
     o.surfaceGroup = w.writer.surfaceGroup(o.attributes, o.transform);
     o.firstPatch = w.writer.nextRootPatch();
     o.bound = {};

@@ -41,6 +41,13 @@ ri::StateRenderer::PathLists environmentPaths() {
   return lists;
 }
 
+std::string noWorldFound(const LoadOptions& options) {
+  if (!options.frames) return "no world was found in the scene";
+  const auto [first, last] = *options.frames;
+  return first == last ? fmt::format("no world of frame {} was found in the scene", first)
+                       : fmt::format("no world of frames {} to {} was found in the scene", first, last);
+}
+
 Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& given,
                        const FrameCallback& onFrame) {
   LoadOptions options = given;

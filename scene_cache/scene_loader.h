@@ -52,7 +52,11 @@ struct FrameOverrides {
 struct FrameDefaults {
   std::optional<std::array<int, 2>> resolution;
   std::optional<std::array<double, 2>> pixelSamples;
+  /// Where there is no Display at all. Not set: no picture then.
+  std::optional<DisplayOverride> display;
 };
+/// The picture of a scene without a Display (RISpec 3.2, "Display": "ri.pic", "file", "rgba").
+inline const DisplayOverride kDefaultDisplay{"ri.tif"};
 
 struct LoadOptions {
   FrameOverrides overrides;
@@ -73,6 +77,11 @@ struct LoadOptions {
   /// Whether the surface shader of this name moves points: it then displaces under a "displacementbound". Not
   /// set: all may, so that none of their instances share grids.
   std::function<bool(const std::string& shader, const std::vector<std::string>& folders)> movesPoints;
+  /// Whether the shader of this name has a string parameter of that name: strings of primitives take its
+  /// place. Not set: none has.
+  std::function<bool(const std::string& shader, const std::vector<std::string>& folders,
+                     const std::string& parameter)>
+      takesString;
   /// Folder for skeletons in files whose pages need not stay in memory; empty: they are memory.
   std::string scratch;
   /// Compute the skeletons' checksums (for files; not needed between processes).
@@ -135,5 +144,7 @@ using FrameCallback = std::function<bool(Frame&&)>;
 /// the RIB that names them. Not thread-safe: one loading at a time.
 Result<void> loadScene(std::span<const RibInput> inputs, const LoadOptions& options,
                        const FrameCallback& onFrame);
+/// What to say when it handed over no frame: "no world of frames 5 to 6 was found in the scene".
+std::string noWorldFound(const LoadOptions& options);
 
 }  // namespace fr::cache

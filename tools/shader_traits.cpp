@@ -45,14 +45,20 @@ class Libraries {
 
 ShaderTraits shaderTraits(std::string_view first, std::span<const cache::RibInput> inputs) {
   const auto all = std::make_shared<Libraries>(first, inputs);
-  return {[all](const std::string& name, const std::vector<std::string>& folders) {
-            const auto program = all->find(name, folders);
-            return program && (program->has(kProgramCanAskRays) || program->has(kProgramRaysByMapName));
-          },
-          [all](const std::string& name, const std::vector<std::string>& folders) {
-            const auto program = all->find(name, folders);
-            return program && program->has(kProgramMovesPoints);
-          }};
+  return {
+      [all](const std::string& name, const std::vector<std::string>& folders) {
+        const auto program = all->find(name, folders);
+        return program && (program->has(kProgramCanAskRays) || program->has(kProgramRaysByMapName));
+      },
+      [all](const std::string& name, const std::vector<std::string>& folders) {
+        const auto program = all->find(name, folders);
+        return program && program->has(kProgramMovesPoints);
+      },
+      [all](const std::string& name, const std::vector<std::string>& folders, const std::string& parameter) {
+        const auto program = all->find(name, folders);
+        const uint32_t k = program ? program->findParameter(parameter) : kNoIndex;
+        return k != kNoIndex && program->symbols[program->parameters[k].symbol].type == SlType::kString;
+      }};
 }
 
 }  // namespace fr::tools

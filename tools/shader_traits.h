@@ -14,6 +14,7 @@ namespace fr::tools {
 /// For cache::LoadOptions.
 struct ShaderTraits {
   std::function<bool(const std::string&, const std::vector<std::string>&)> asksRays, movesPoints;
+  std::function<bool(const std::string&, const std::vector<std::string>&, const std::string&)> takesString;
 };
 /// Shaders are searched where shaderFolders() will say; each is loaded or compiled at the first question
 /// about it. `first` as in shaderFolders(). The answers are thread-safe.

@@ -118,7 +118,7 @@ Result<TraceRenderStatistics> renderFrame(cache::SceneCache& cache, ShadingSyste
 
   const FrameGeometry geometry = frameGeometry(skeleton);
   if (geometry.crop.empty()) return makeError(RiError::kRange, "the crop window holds no pixels");
-  std::vector<DisplayRequest> displays = frameDisplays(skeleton);
+  std::vector<DisplayRequest> displays = frameDisplays(skeleton, options.picture);
   if (auto fits = checkPictureFits(geometry, displays); !fits) return fits.error();
   const std::vector<std::string> displayPath = frameDisplaySearchPath(skeleton);
   if (options.writeDisplays && options.keepExisting && !displays.empty()) {

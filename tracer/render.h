@@ -28,6 +28,7 @@ struct TraceRenderOptions {
   /// Empty: PixelSamples.
   std::optional<AdaptiveSampling> adaptive;
   bool writeDisplays = true;  // false: only `pixels` gets the image
+  std::string picture;        // not empty: a file instead of the displays, as of frameDisplays()
   bool keepExisting =
       false;  // displays whose file exists are left out; nothing is rendered when none is left
   /// Called with every finished tile, before exposure, by one thread at a time: R G B A Z, then the displays'

@@ -415,6 +415,105 @@ TEST(Render, OpacityOfAPrimitiveVariable) {
 
 // ---- bad input ----
 
+/// A texture's name, most often: one shader, and each primitive says its own.
+TEST(Render, StringsIntegersAndWeightedPointsOfPrimitivesReachTheShader) {
+  Workspace w;
+  w.write("says.sl",
+          "surface says(uniform string what = \"none\"; varying float number = 0; varying point at = 0;\n"
+          "             uniform string two[2] = {\"\", \"\"}) {\n"
+          "  float red = 0;\n"
+          "  if (what == \"red\") red = 1; else if (what == \"half\") red = 0.5;\n"
+          "  if (two[1] == \"b\") red += 0.25;\n"
+          "  Ci = color(red, number / 8, max(0, ycomp(transform(\"object\", at)) / 4)); Oi = 1;\n"
+          "}\n");
+  const auto patch = [](const std::string& place, const std::string& variables) {
+    return "TransformBegin\nTranslate " + place +
+           " 0 0\nPatch \"bilinear\" \"P\" [-0.4 -0.4 0 0.4 -0.4 0 -0.4 0.4 0 0.4 0.4 0] " + variables +
+           "\nTransformEnd\n";
+  };
+  const std::string world =
+      "Surface \"says\" \"string what\" \"half\"\n" + patch("-1", "\"uniform string what\" [\"red\"]") +
+      patch("0",
+            "\"constant string what\" [\"red\"] \"uniform int number\" [4] \"string unknown\" [\"x\"] "
+            "\"constant hpoint at\" [0 4 0 2]") +
+      patch("1", "\"constant string[2] two\" [\"a\" \"b\"] \"constant int number\" [2]") +
+      "ObjectBegin 1\nPatch \"bilinear\" \"P\" [-0.4 -0.4 0 0.4 -0.4 0 -0.4 0.4 0 0.4 0.4 0] \"string what\" "
+      "[\"red\"]\nObjectEnd\n"
+      "TransformBegin\nTranslate -1 1 0\nObjectInstance 1\nTransformEnd\n"
+      "TransformBegin\nTranslate 1 1 0\nObjectInstance 1\nTransformEnd\n"
+      // One value for all of it: what differs from face to face is said.
+      "Translate 0 1 0\nPointsPolygons [3 3] [0 1 2 0 2 3] \"P\" [-0.4 -0.4 0 0.4 -0.4 0 0.4 0.4 0 -0.4 0.4 "
+      "0] "
+      "\"uniform string what\" [\"red\" \"none\"]\n";
+  w.write("scene.rib",
+          "Display \"out.exr\" \"openexr\" \"rgba\"\nFormat 90 60 1\nPixelFilter \"box\" 1 1\nProjection "
+          "\"orthographic\"\nScreenWindow -1.5 1.5 -0.5 1.5\nTranslate 0 0 5\nWorldBegin\n" +
+              world + "WorldEnd\n");
+  const auto expectIt = [&](const Outcome& o) {
+    EXPECT_EQ(o.exitCode, 0) << o.err;
+    const Picture p = readExr(w.path() / "out.exr");
+    const struct {
+      int x, y;
+      double r, g, b;
+    } wanted[] = {{15, 45, 1, 0, 0}, {45, 45, 1, 0.5, 0.5}, {75, 45, 0.75, 0.25, 0},
+                  {15, 15, 1, 0, 0}, {75, 15, 1, 0, 0},     {45, 15, 0.5, 0, 0}};
+    for (const auto& x : wanted) {
+      EXPECT_NEAR(p.at("R", x.x, x.y), x.r, 1e-3) << x.x << " " << x.y;
+      EXPECT_NEAR(p.at("G", x.x, x.y), x.g, 1e-3) << x.x << " " << x.y;
+      EXPECT_NEAR(p.at("B", x.x, x.y), x.b, 1e-3) << x.x << " " << x.y;
+    }
+  };
+  const Outcome o = run("frankenrender", {"scene.rib"}, w.path());
+  EXPECT_NE(o.err.find("string \"what\" of a primitive has 2 values"), std::string::npos) << o.err;
+  EXPECT_EQ(o.err.find("unknown"), std::string::npos) << o.err;
+  expectIt(o);
+  expectIt(run("rendrib", {"scene.rib"}, w.path()));
+  ASSERT_EQ(run("scenecache", {"build", "scene.rib", "-o", "scene.fsc", "-q"}, w.path()).exitCode, 0);
+  expectIt(run("frankenrender", {"scene.fsc"}, w.path()));
+}
+
+TEST(Render, ASceneWithoutADisplayHasADefaultPicture) {
+  Workspace w;
+  const std::string world = "Format 16 12 1\nWorldBegin\nSphere 1 -1 1 360\nWorldEnd\n";
+  w.write("scene.rib", world);
+  const auto picture = w.path() / "ri.tif";
+  for (const char* program : {"frankenrender", "rendrib"}) {
+    const Outcome o = run(program, {"scene.rib"}, w.path());
+    EXPECT_EQ(o.exitCode, 0) << o.err;
+    EXPECT_NE(o.err.find("no Display: the picture goes to ri.tif"), std::string::npos) << o.err;
+    EXPECT_TRUE(std::filesystem::remove(picture)) << program;
+  }
+  ASSERT_EQ(run("scenecache", {"build", "scene.rib", "-o", "s.fsc"}, w.path()).exitCode, 0);
+  EXPECT_EQ(run("frankenrender", {"s.fsc"}, w.path()).exitCode, 0);
+  EXPECT_TRUE(std::filesystem::remove(picture));
+  // A cache may be rendered to another file, like RIB.
+  for (const char* program : {"frankenrender", "rendrib"}) {
+    const Outcome other = run(program, {"-o", "other.png", "s.fsc"}, w.path());
+    EXPECT_EQ(other.exitCode, 0);
+    EXPECT_EQ(other.err, "");
+    EXPECT_TRUE(std::filesystem::remove(w.path() / "other.png")) << program;
+    EXPECT_FALSE(std::filesystem::exists(picture));
+  }
+  EXPECT_NE(run("frankenrender", {"--res", "9", "9", "s.fsc"}, w.path()).err.find("do not change it"),
+            std::string::npos);
+  EXPECT_TRUE(std::filesystem::remove(picture));
+  // Files for the ray tracer alone say nothing about pictures, and nothing is said of them.
+  w.write("rays.rib", "Option \"trace\" \"integer maxdepth\" [2]\n");
+  const Outcome o =
+      run("frankenrender", {"-o", "a.png", "-bmrt", "rays.rib", "-common", "scene.rib"}, w.path());
+  EXPECT_EQ(o.err, "");
+  EXPECT_FALSE(std::filesystem::exists(picture));
+}
+
+TEST(BadInput, FramesThatAreNotThereAreNamed) {
+  Workspace w;
+  w.write("scene.rib", "FrameBegin 3\nWorldBegin\nSphere 1 -1 1 360\nWorldEnd\nFrameEnd\n");
+  const Outcome o = run("frankenrender", {"--frames", "4", "9", "scene.rib"}, w.path());
+  EXPECT_EQ(o.exitCode, 1);
+  EXPECT_NE(o.err.find("no world of frames 4 to 9"), std::string::npos) << o.err;
+  EXPECT_EQ(run("frankenrender", {"-o", "", "scene.rib"}, w.path()).exitCode, 2);
+}
+
 TEST(BadInput, MissingShaderIsOneMessageAndTheDefaultSurface) {
   Workspace w;
   Outcome o;

@@ -194,6 +194,10 @@ ParsedCommandLine parseCommandLine(int argc, char** argv) {
   if (!samples.empty()) o.pixelSamples = {samples[0], samples[1]};
   if (shadingRate > 0) o.shadingRate = float(shadingRate);
   if (!frames.empty()) c.load.frames = {frames[0], frames[1]};
+  if (app.count("--output") > 0 && output.empty()) {
+    std::fputs("frankenrender: --output wants the name of a file\n", stderr);
+    return {std::nullopt, 2};
+  }
   if (!output.empty()) o.displays.push_back({output, "file", "rgba"});
   c.progress = !c.quiet && !noProgress && (c.progress || isatty(STDERR_FILENO));
   return {std::move(c), 0};

@@ -101,6 +101,8 @@ Result<void> renderScene(const CommandLine& c, const MemoryBudget& memory, cache
   options.threads = threads;
   options.resume = c.resume;
   options.adaptive = c.adaptive;
+  // RIB has been read with it.
+  if (!c.load.overrides.displays.empty()) options.picture = c.load.overrides.displays.front().name;
   ProgressBar bar(c.progress, fmt::format("frame {}", cache.skeleton().options().frameNumber));
   options.progress = [&](double fraction) { bar.update(fraction); };
   Result<FrameStatistics> rendered = renderFrame(cache, shading, oracle, options);
@@ -186,13 +188,21 @@ bool renderFrames(const CommandLine& c, const MemoryBudget& memory) {
   };
 
   if (c.inputs.size() == 1 && isCacheFile(c.inputs[0].path)) {
+    const cache::FrameOverrides& o = c.load.overrides;
+    if (o.resolution || o.crop || o.pixelSamples || o.shadingRate || c.load.frames)
+      reportWarning(
+          RiError::kNone,
+          "a .fsc holds one frame with its camera, diced: --res, --crop, --samples, --shading-rate and "
+          "--frames do not change it");
     renderOne(cache::SceneCache::openFile(c.inputs[0].path, memory.folder()), nullptr);
   } else {
     cache::LoadOptions load = c.load;
+    load.defaults.display = cache::kDefaultDisplay;
     load.scratch = memory.folder();
     load.makeTexture = makeRequestedTexture;
-    auto [asksRays, movesPoints] = shaderTraits(c.shaderPath, c.inputs);
-    load.asksRays = std::move(asksRays), load.movesPoints = std::move(movesPoints);
+    ShaderTraits traits = shaderTraits(c.shaderPath, c.inputs);
+    load.asksRays = std::move(traits.asksRays), load.movesPoints = std::move(traits.movesPoints);
+    load.takesString = std::move(traits.takesString);
     const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd(), memory.folder()), &frame.counts());
       return !abortRequested();
@@ -202,7 +212,7 @@ bool renderFrames(const CommandLine& c, const MemoryBudget& memory) {
       if (!interrupted() || !failed) report(loaded.error());
       failed = true;
     } else if (frames == 0) {
-      reportWarning(RiError::kNone, "no world was found in the scene: nothing was rendered");
+      reportWarning(RiError::kNone, "{}: nothing was rendered", cache::noWorldFound(c.load));
       failed = true;
     }
   }

@@ -63,10 +63,11 @@ Result<std::unique_ptr<cache::SceneCache>> loadFrame(const RayServerCommand& c, 
     if (isCacheFile(input.path))
       return makeError(RiError::kBadFile, "{}: a .fsc file is a whole scene: give it alone", input.path);
   Result<std::unique_ptr<cache::SceneCache>> opened =
-      makeError(RiError::kMissingData, "no world was found in the scene: there is nothing to serve");
+      makeError(RiError::kMissingData, "{}: there is nothing to serve", cache::noWorldFound(c.load));
   cache::LoadOptions load = c.load;
   load.scratch = scratch;
-  load.movesPoints = shaderTraits(c.shaderPath, c.inputs).movesPoints;
+  ShaderTraits traits = shaderTraits(c.shaderPath, c.inputs);
+  load.movesPoints = std::move(traits.movesPoints), load.takesString = std::move(traits.takesString);
   const Result<void> loaded = cache::loadScene(c.inputs, load, [&](cache::Frame&& frame) {
     opened = cache::SceneCache::create(frame.skeletonFd(), scratch);
     return false;

@@ -70,6 +70,8 @@ Result<void> renderScene(const RendribCommandLine& c, const MemoryBudget& memory
   options.patchMultiplier = c.patchMultiplier;
   options.adaptive = c.adaptive;
   options.keepExisting = c.safe;
+  // RIB has been read with it.
+  if (!c.load.overrides.displays.empty()) options.picture = c.load.overrides.displays.front().name;
   options.onTracer = [&](tracer::RayTracer* t) {
     const std::lock_guard lock(tracing);
     tracer = t;
@@ -99,11 +101,10 @@ void warnOfIgnoredOptions(const RendribCommandLine& c, bool cacheFile) {
   if (c.radiosity)
     reportWarning(RiError::kUnimplemented, "-radio: radiosity is not implemented; rendering without it");
   const cache::FrameOverrides& o = c.load.overrides;
-  if (cacheFile && (o.crop || !o.displays.empty() || c.load.frames || c.load.defaults.resolution ||
-                    c.load.defaults.pixelSamples))
-    reportWarning(RiError::kNone,
-                  "a .fsc holds one frame with its camera and displays: -res, -samples, -crop, -frames and "
-                  "-of do not change it");
+  if (cacheFile && (o.crop || c.load.frames || c.load.defaults.resolution || c.load.defaults.pixelSamples))
+    reportWarning(
+        RiError::kNone,
+        "a .fsc holds one frame with its camera: -res, -samples, -crop and -frames do not change it");
 }
 
 int runScenes(RendribCommandLine c) {
@@ -159,10 +160,12 @@ int runScenes(RendribCommandLine c) {
     if (c.verbose)
       for (const cache::RibInput& i : c.inputs)
         say(fmt::format("reading {}", i.path == "-" ? "standard input" : i.path));
+    c.load.defaults.display = cache::kDefaultDisplay;
     c.load.scratch = memory->folder();
     c.load.makeTexture = makeRequestedTexture;
-    auto [asksRays, movesPoints] = shaderTraits(c.shaderPath, c.inputs);
-    c.load.asksRays = std::move(asksRays), c.load.movesPoints = std::move(movesPoints);
+    ShaderTraits traits = shaderTraits(c.shaderPath, c.inputs);
+    c.load.asksRays = std::move(traits.asksRays), c.load.movesPoints = std::move(traits.movesPoints);
+    c.load.takesString = std::move(traits.takesString);
     const Result<void> loaded = cache::loadScene(c.inputs, c.load, [&](cache::Frame&& frame) {
       renderOne(cache::SceneCache::create(frame.skeletonFd(), memory->folder()), &frame.counts());
       return !abortRequested();
@@ -171,7 +174,7 @@ int runScenes(RendribCommandLine c) {
       report(loaded.error());
       failed = true;
     } else if (frames == 0) {
-      reportWarning(RiError::kNone, "no world was found in the scene: nothing was rendered");
+      reportWarning(RiError::kNone, "{}: nothing was rendered", cache::noWorldFound(c.load));
       failed = true;
     }
   }

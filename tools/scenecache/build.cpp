@@ -145,7 +145,9 @@ int build(BuildOptions o) {
     o.scratch = std::filesystem::absolute(o.output, unknown).parent_path().string();
   }
   options.scratch = o.scratch;
-  options.movesPoints = shaderTraits({}, inputs).movesPoints;
+  options.defaults.display = kDefaultDisplay;
+  ShaderTraits traits = shaderTraits({}, inputs);
+  options.movesPoints = std::move(traits.movesPoints), options.takesString = std::move(traits.takesString);
   std::unique_ptr<shm::Pager> pager;
   if (o.budget != 0) {
     auto started = shm::Pager::start(o.budget);
