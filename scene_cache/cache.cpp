@@ -137,6 +137,7 @@ bool SceneCache::Impl::addRootNodes(const Skeleton& skeleton) {
 
 Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd, const std::string& scratch) {
   std::unique_ptr<SceneCache> c(new SceneCache);
+  c->scratch_ = scratch;
   Impl& d = *c->impl_;
   if (auto r = d.mapSkeleton(skeletonFd, &c->skeleton_); !r) return std::move(r).error();
   auto nodes = SharedStore::create("fr-nodes", kNodesMagic, scratch);
@@ -155,8 +156,10 @@ Result<std::unique_ptr<SceneCache>> SceneCache::create(int skeletonFd, const std
   return c;
 }
 
-Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool readOnly) {
+Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool readOnly,
+                                                       const std::string& scratch) {
   std::unique_ptr<SceneCache> c(new SceneCache);
+  c->scratch_ = scratch;
   Impl& d = *c->impl_;
   d.readOnly = readOnly;
   if (auto r = d.mapSkeleton(fds.skeleton, &c->skeleton_); !r) return std::move(r).error();

@@ -151,7 +151,11 @@ class SceneCache {
   /// `scratch`: a folder, for scenes that may be larger than memory; empty: all is memory.
   static Result<std::unique_ptr<SceneCache>> create(int skeletonFd, const std::string& scratch = {});
   /// Maps segments made by another process. readOnly: third-party clients; resolve() then never dices.
-  static Result<std::unique_ptr<SceneCache>> attach(const Segments& fds, bool readOnly);
+  /// `scratch`: what scratch() is to say.
+  static Result<std::unique_ptr<SceneCache>> attach(const Segments& fds, bool readOnly,
+                                                    const std::string& scratch = {});
+  /// The folder for what belongs to this scene and need not stay in memory; empty: it stays there.
+  const std::string& scratch() const { return scratch_; }
   /// Opens a .fsc file (validated, checksums included); grids that it lacks are diced on demand into private
   /// arena space. save() writes one: temporary name, then rename.
   static Result<std::unique_ptr<SceneCache>> openFile(const std::string& path,
@@ -251,6 +255,7 @@ class SceneCache {
   struct Impl;
   std::unique_ptr<Impl> impl_;
   Skeleton skeleton_;
+  std::string scratch_;
   Displacer* displacer_ = nullptr;
 };
 

@@ -193,7 +193,7 @@ Result<std::unique_ptr<SceneCache>> SceneCache::openFile(const std::string& path
   if (auto r = copyPart(*file, path, f.grids, "grids", arena->get(), kStoreHeaderBytes); !r)
     return std::move(r).error();
   if (auto r = setTop(path, arena->get(), kStoreHeaderBytes + f.grids.bytes); !r) return std::move(r).error();
-  auto c = attach({skeleton->get(), nodes->get(), arena->get()}, false);
+  auto c = attach({skeleton->get(), nodes->get(), arena->get()}, false, scratch);
   if (!c) return named(std::move(c).error(), path);
   // Everything once: roots and references of a stranger's file.
   if (auto r = (*c)->checkNodes(path, true); !r) return std::move(r).error();

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 #include <tuple>
 
 #include "tracer/hazard_slot.h"
@@ -39,8 +40,8 @@ struct alignas(64) Clusters::Cluster {
   bool foreignKnown = false;
   int levels = 1;
   float deviation[kLevels] = {};
-  std::atomic<bool> listed{false};                       // the next one does not change any more
-  std::vector<std::pair<NodeId, uint32_t>> entryOfNode;  // of level 0, sorted
+  std::atomic<bool> listed{false};  // the next one does not change any more
+  std::vector<uint32_t> byNode;     // entries of level 0, sorted by their nodes
   uint32_t firstEntry[kLevels] = {};
   bool hasEntries[kLevels] = {};
 
@@ -343,10 +344,12 @@ const Clusters::Tree* Clusters::build(Cluster& c, int level) {
   if (fresh) {
     for (size_t i = 0; i < grids.size(); ++i) entries_[first + uint32_t(i)] = grids[i].entry;
     if (level == 0) {
-      for (size_t i = 0; i < grids.size(); ++i)
-        c.entryOfNode.emplace_back(grids[i].entry.node, first + uint32_t(i));
-      std::sort(c.entryOfNode.begin(), c.entryOfNode.end());
-      recordBytes_.fetch_add(c.entryOfNode.capacity() * sizeof(c.entryOfNode[0]), std::memory_order_relaxed);
+      c.byNode.resize(grids.size());
+      std::iota(c.byNode.begin(), c.byNode.end(), first);
+      // The strips of a cluster of curves have one node; whoever asks for it gets the first of them.
+      std::stable_sort(c.byNode.begin(), c.byNode.end(),
+                       [&](uint32_t a, uint32_t b) { return entries_[a].node < entries_[b].node; });
+      recordBytes_.fetch_add(c.byNode.size() * sizeof(uint32_t), std::memory_order_relaxed);
       c.listed.store(true, std::memory_order_release);  // SYNC: pairs with entryOf()
     }
     const std::lock_guard counting(mutex_);
@@ -374,8 +377,9 @@ uint32_t Clusters::entryOf(NodeId node) {
       continue;
     Cluster& c = *clusters_[place->second.cluster];
     if (!c.listed.load(std::memory_order_acquire)) build(c, 0);
-    const auto at = std::lower_bound(c.entryOfNode.begin(), c.entryOfNode.end(), std::pair(node, 0u));
-    return at != c.entryOfNode.end() && at->first == node ? at->second : kNone;
+    const auto at = std::lower_bound(c.byNode.begin(), c.byNode.end(), node,
+                                     [&](uint32_t e, NodeId wanted) { return entries_[e].node < wanted; });
+    return at != c.byNode.end() && entries_[*at].node == node ? *at : kNone;
   }
   return kNone;
 }

@@ -1,57 +1,89 @@
 // The records of all traced grids: they keep their numbers and their places for ever. Internal to tracer/.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <new>
+#include <string>
+#include <type_traits>
 
 #include "base/error.h"
+#include "shm/pager.h"
+#include "shm/segment.h"
 
 namespace fr::tracer {
 
 struct SurfaceEntry;
 
+/// Records stand in a segment, so that a pager can let go of those of places where no ray is: trees can be
+/// built again, records must stay, and a scene of 200 million micropolygons has 40 MiB of them.
 /// Thread safety: append() from any thread; [] of what an append() that happened before has made.
 template <class Entry>
 class EntryStore {
  public:
   static constexpr uint32_t kMostEntries = 1u << 31;  // the highest bit of an entry's number marks stitches
 
-  EntryStore() : chunks_(new std::atomic<Entry*>[kMostEntries >> kChunkLog2] {}) {}
-  ~EntryStore() {
-    for (uint32_t c = 0; c << kChunkLog2 < count_; ++c) delete[] chunks_[c].load();
+  /// Once, before anything else. `scratch`: a folder for a file without a name; empty: anonymous memory.
+  Result<void> open(const std::string& scratch) {
+    static_assert(std::is_trivially_copyable_v<Entry>);
+    shm::SegmentOptions options;
+    options.name = "frankenrender-entries";
+    options.growStep = kStep;
+    // Addresses cost nothing, but may be limited (ulimit -v).
+    for (options.reserve = uint64_t(kMostEntries) * sizeof(Entry);; options.reserve /= 4) {
+      auto made = scratch.empty() ? shm::Segment::createAnonymous(options, kStep)
+                                  : shm::Segment::createScratch(scratch, options, kStep);
+      if (made) {
+        store_ = std::make_unique<Store>(*std::move(made));
+        entries_ = reinterpret_cast<Entry*>(store_->segment.data());
+        return {};
+      }
+      if (options.reserve < kLeastAddresses || made.error().code == RiError::kNoFile)
+        return std::move(made).error();
+    }
   }
-  EntryStore(const EntryStore&) = delete;
-  EntryStore& operator=(const EntryStore&) = delete;
 
-  /// Room for n more, default-made, with numbers that follow each other; returns the first.
+  /// Room for n more, default-made, with numbers that follow each other; returns the first. Where there is no
+  /// memory or disk for them it fails as operator new does.
   uint32_t append(size_t n) {
     const std::lock_guard lock(mutex_);
-    FR_CHECK(n <= kMostEntries - count_);
-    const uint32_t first = count_;
-    const uint32_t end = first + uint32_t(n);
-    for (uint64_t c = (uint64_t(first) + kChunk - 1) >> kChunkLog2; c << kChunkLog2 < end; ++c)
-      chunks_[c].store(new Entry[kChunk], std::memory_order_release);
-    count_ = end;
-    size_.store(end, std::memory_order_release);
+    const uint32_t first = size_.load(std::memory_order_relaxed);
+    FR_CHECK(n <= kMostEntries - first);
+    shm::Segment& s = store_->segment;
+    if (const uint64_t bytes = (first + n) * sizeof(Entry); bytes > s.size()) {
+      Result<void> grown = s.grow(bytes + std::min<uint64_t>(bytes / 8, uint64_t(16) << 20));
+      if (!grown) grown = s.grow(bytes);
+      if (!grown) {
+        report(grown.error());
+        if (const std::new_handler handler = std::get_new_handler()) handler();
+        throw std::bad_alloc();
+      }
+    }
+    for (size_t i = 0; i < n; ++i) new (entries_ + first + i) Entry{};
+    shm::noteGrowth(n * sizeof(Entry));
+    size_.store(uint32_t(first + n), std::memory_order_release);
     return first;
   }
   uint32_t size() const { return size_.load(std::memory_order_acquire); }
-  /// SYNC: whoever has a number got it from the thread that appended, after that; relaxed will do.
-  const Entry& operator[](uint32_t i) const {
-    return chunks_[i >> kChunkLog2].load(std::memory_order_relaxed)[i & (kChunk - 1)];
-  }
-  Entry& operator[](uint32_t i) {
-    return chunks_[i >> kChunkLog2].load(std::memory_order_relaxed)[i & (kChunk - 1)];
-  }
+  /// SYNC: whoever has a number got it from the thread that appended, after that.
+  const Entry& operator[](uint32_t i) const { return entries_[i]; }
+  Entry& operator[](uint32_t i) { return entries_[i]; }
 
  private:
-  static constexpr uint32_t kChunkLog2 = 12;
-  static constexpr uint32_t kChunk = 1u << kChunkLog2;
-  std::unique_ptr<std::atomic<Entry*>[]> chunks_;
+  static constexpr uint64_t kStep = uint64_t(64) << 10, kLeastAddresses = uint64_t(1) << 28;
+  struct Store {
+    explicit Store(shm::Segment s)
+        : segment(std::move(s)),
+          paged({segment.data(), [this] { return segment.size(); }, segment.descriptor(), 0}) {}
+    shm::Segment segment;
+    shm::PagedMapping paged;  // ends before the mapping does
+  };
+  std::unique_ptr<Store> store_;
+  Entry* entries_ = nullptr;
   std::atomic<uint32_t> size_{0};
-  std::mutex mutex_;
-  uint32_t count_ = 0;  // under the mutex
+  std::mutex mutex_;  // append()
 };
 
 }  // namespace fr::tracer

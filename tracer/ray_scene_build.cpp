@@ -52,6 +52,8 @@ class RaySceneBuilder {
     const int cores = availableCores();  // oneTBB has no more workers
     threads_ = options_.threads > 0 ? std::min(options_.threads, cores) : cores;
     if (Result<void> r = openDevice(); !r) return std::move(r).error();
+    if (Result<void> r = scene_->entries_.open(cache_.scratch()); !r)
+      return std::move(r).error().context("records of traced grids");
     tbb::task_arena arena(threads_);
     arena.execute([&] { gatherAll(); });
     const auto t1 = std::chrono::steady_clock::now();

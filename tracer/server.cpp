@@ -102,6 +102,9 @@ class Server {
         case MessageType::kPath:
           options_.shaderPath.emplace_back(m.text());
           break;
+        case MessageType::kScratch:
+          scratch_ = m.text();
+          break;
         case MessageType::kScene:
           if (Result<void> r = openScene(m); !r) return r;
           break;
@@ -132,7 +135,7 @@ class Server {
       pager_ = std::move(started).value();
     }
     auto cache = cache::SceneCache::attach(
-        {m.descriptors[0].get(), m.descriptors[1].get(), m.descriptors[2].get()}, false);
+        {m.descriptors[0].get(), m.descriptors[1].get(), m.descriptors[2].get()}, false, scratch_);
     if (!cache) return std::move(cache).error();
     cache_ = std::move(cache).value();
     options_.textureKilobytes = uint32_t(std::min<uint64_t>(scene.memoryBudget / 8 / 1024, 1u << 30));
@@ -187,6 +190,7 @@ class Server {
 
   shm::PeerSocket parent_;
   ShadingSystem::Options options_;
+  std::string scratch_;
   std::unique_ptr<cache::SceneCache> cache_;
   std::unique_ptr<ShadingSystem> shading_;
   std::unique_ptr<RayTracer> tracer_;

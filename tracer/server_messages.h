@@ -5,6 +5,7 @@
 // descriptors do.
 //
 //   client -> server   kPath*     text: a folder of the shader search path, in order
+//                      kScratch?  text: the folder of SceneCache::scratch()
 //                      kScene     SceneMessage, then text: folder of the standard shaders; descriptors:
 //                      skeleton, nodes, arena kChannel   descriptor of one channel kStatistics, kGoodbye
 //   server -> client   kReady     descriptor of the server's board (after kScene)
@@ -34,14 +35,15 @@ enum class MessageType : uint32_t {
   kReady,
   kAdded,
   kNumbers,
-  kRefused
+  kRefused,
+  kScratch
 };
 
 inline constexpr uint32_t kMessageMagic = 0x52544652;  // "RFTR"
 
 /// Both ends must agree about every byte of these.
 constexpr uint64_t messageFingerprint() {
-  uint64_t h = 3;  // version of the conversation
+  uint64_t h = 4;  // version of the conversation
   for (uint64_t x :
        {uint64_t(sizeof(RayQuery)), uint64_t(offsetof(RayQuery, color)), uint64_t(offsetof(RayQuery, node)),
         uint64_t(sizeof(TracerStatistics)), uint64_t(cache::kFormatVersion), uint64_t(kMaxRays)})

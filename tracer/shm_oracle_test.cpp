@@ -238,8 +238,8 @@ TEST(ShmOracle, AnswersAreTheSameHoweverOftenTheTracerIsKilled) {
   }
   EXPECT_EQ(same, rounds);
   // The descriptors of the last tracer: its socket, pidfd and board, and the two of the watch over its
-  // socket.
-  EXPECT_LE(shm::openDescriptorCount(), descriptors + 5);
+  // socket. And the records of the ray scene in this process.
+  EXPECT_LE(shm::openDescriptorCount(), descriptors + 6);
   setReportSink({});
   EXPECT_GE(warnings, 20);
   EXPECT_EQ(others, 0);

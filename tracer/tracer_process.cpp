@@ -193,6 +193,9 @@ Result<void> TracerProcess::start() {
 Result<void> TracerProcess::introduce() {
   for (const std::string& path : options_.shaderPath)
     if (Result<void> r = sendMessage(child_->socket(), MessageType::kPath, {}, path); !r) return r;
+  if (!cache_.scratch().empty())
+    if (Result<void> r = sendMessage(child_->socket(), MessageType::kScratch, {}, cache_.scratch()); !r)
+      return r;
   SceneMessage scene{};
   scene.threads = options_.threads > 0 ? options_.threads : availableCores();
   scene.maxRayLevel = options_.maxRayLevel;

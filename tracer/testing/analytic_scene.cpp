@@ -167,7 +167,7 @@ struct SceneCache::Impl {
 SceneCache::SceneCache() : impl_(std::make_unique<Impl>()) {}
 SceneCache::~SceneCache() = default;
 
-Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool) {
+Result<std::unique_ptr<SceneCache>> SceneCache::attach(const Segments& fds, bool, const std::string&) {
   std::unique_ptr<SceneCache> c(new SceneCache);
   c->impl_->fds = {dup(fds.skeleton), dup(fds.nodes), dup(fds.arena)};
   c->impl_->open();
