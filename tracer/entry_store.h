@@ -31,18 +31,14 @@ class EntryStore {
     shm::SegmentOptions options;
     options.name = "frankenrender-entries";
     options.growStep = kStep;
-    // Addresses cost nothing, but may be limited (ulimit -v).
-    for (options.reserve = uint64_t(kMostEntries) * sizeof(Entry);; options.reserve /= 4) {
-      auto made = scratch.empty() ? shm::Segment::createAnonymous(options, kStep)
-                                  : shm::Segment::createScratch(scratch, options, kStep);
-      if (made) {
-        store_ = std::make_unique<Store>(*std::move(made));
-        entries_ = reinterpret_cast<Entry*>(store_->segment.data());
-        return {};
-      }
-      if (options.reserve < kLeastAddresses || made.error().code == RiError::kNoFile)
-        return std::move(made).error();
-    }
+    options.reserve = uint64_t(kMostEntries) * sizeof(Entry);
+    options.addressShare = 1.0 / 32;
+    auto made = scratch.empty() ? shm::Segment::createAnonymous(options, kStep)
+                                : shm::Segment::createScratch(scratch, options, kStep);
+    if (!made) return std::move(made).error();
+    store_ = std::make_unique<Store>(*std::move(made));
+    entries_ = reinterpret_cast<Entry*>(store_->segment.data());
+    return {};
   }
 
   /// Room for n more, default-made, with numbers that follow each other; returns the first. Where there is no
@@ -72,7 +68,7 @@ class EntryStore {
   Entry& operator[](uint32_t i) { return entries_[i]; }
 
  private:
-  static constexpr uint64_t kStep = uint64_t(64) << 10, kLeastAddresses = uint64_t(1) << 28;
+  static constexpr uint64_t kStep = uint64_t(64) << 10;
   struct Store {
     explicit Store(shm::Segment s)
         : segment(std::move(s)),
