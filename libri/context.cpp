@@ -41,7 +41,7 @@ Context* enter(const char* request) {
 Result<std::unique_ptr<Context>> Context::open(RtToken name, RibFormat format) {
   const std::string_view n = name ? name : "";
   if (n.empty() || n == "frankenrender" || n == "render") return makeSceneContext();
-  if (endsWith(n, ".gz")) format.gzip = true;
+  if (endsWith(n, ".gz") && !n.starts_with('|')) format.gzip = true;
   return makeFileContext(std::string(n), format);
 }
 

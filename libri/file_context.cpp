@@ -1,4 +1,4 @@
-// RiBegin("x.rib"): requests become a file.
+// RiBegin("x.rib"), RiBegin("|program"): requests become a file, or go to a program.
 #include "libri/contexts.h"
 #include "ri/rib_file.h"
 #include "ri/rib_writer.h"
@@ -10,7 +10,7 @@ class FileContext final : public WritingContext {
  public:
   FileContext(std::string path, RibFormat format) : path_(std::move(path)), format_(format) {}
 
-  Result<void> open() { return file_.open(path_, format_.gzip); }
+  Result<void> open() { return isCommand() ? Result<void>() : file_.open(path_, format_.gzip); }
 
   ri::StateRenderer& state() override { return state_; }
 
@@ -35,6 +35,10 @@ class FileContext final : public WritingContext {
  protected:
   ri::Renderer& renderer() override {
     if (!writer_) {
+      // As in BMRT's libribout. Not before it is known how to write.
+      if (isCommand())
+        if (Result<void> r = file_.openCommand(path_.substr(1), format_.gzip); !r)
+          complain(r.error().code, Severity::kSevere, "RiBegin", r.error().message);
       ri::RibWriterOptions o;
       o.binary = format_.binary, o.indent = 2, o.width = 100;
       o.keepBareNames = true;
@@ -46,6 +50,8 @@ class FileContext final : public WritingContext {
   }
 
  private:
+  bool isCommand() const { return path_.starts_with('|'); }
+
   std::string path_;
   RibFormat format_;
   ri::RibFile file_;

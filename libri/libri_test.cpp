@@ -127,6 +127,29 @@ TEST_F(CBinding, ContextsAreIndependent) {
   EXPECT_FALSE(in.is_open());  // not ended
 }
 
+TEST_F(CBinding, ACommandReadsWhatIsWritten) {
+  RiEnd();
+  std::filesystem::remove(file_);
+  RiBegin(("|cat > '" + file_ + "'").c_str());
+  RiSides(1);
+  EXPECT_EQ(rib(), "Sides 1\n");
+  EXPECT_TRUE(errors.empty());
+
+  RiBegin("|cat > /dev/null; exit 3");
+  RiSides(1);
+  RiEnd();
+  ASSERT_EQ(errors.size(), 1u);
+  EXPECT_NE(errors[0].second.find("status 3"), std::string::npos) << errors[0].second;
+
+  // One that ends early kills nobody.
+  errors.clear();
+  RiBegin("|exit 0");
+  for (int i = 0; i < 100000; ++i) RiTranslate(1, 2, RtFloat(i));
+  RiEnd();
+  ASSERT_EQ(errors.size(), 1u);
+  EXPECT_NE(errors[0].second.find("exit 0"), std::string::npos) << errors[0].second;
+}
+
 TEST_F(CBinding, TransformPointsKnowsAllSpaces) {
   RiFormat(200, 100, 1);
   RtFloat fov = 90;

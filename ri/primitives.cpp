@@ -295,6 +295,18 @@ std::optional<StorageClass> classOf(uint64_t values, const ValueCounts& counts) 
   return std::nullopt;
 }
 
+/// Exporters write each particle system, hair and mesh in every frame, whether there is anything in it or
+/// not.
+bool hasNothingInIt(const Primitive& p) {
+  const Param* position = paramsOf(p).find("P");
+  if (!position || position->elementCount() > 0) return false;
+  if (const auto* m = std::get_if<PointsPolygons>(&p)) return m->nverts.empty() && m->verts.empty();
+  if (const auto* m = std::get_if<PointsGeneralPolygons>(&p)) return m->nloops.empty() && m->verts.empty();
+  if (const auto* m = std::get_if<SubdivisionMesh>(&p)) return m->nverts.empty() && m->verts.empty();
+  if (const auto* c = std::get_if<Curves>(&p)) return c->nverts.empty();
+  return std::holds_alternative<Points>(p);
+}
+
 }  // namespace
 
 uint64_t ValueCounts::of(StorageClass c) const {
@@ -374,6 +386,11 @@ Result<ValueCounts> expectedCounts(const Primitive& p, BasisSteps steps) {
 Result<PrimitiveCheck> checkPrimitive(Primitive& p, BasisSteps steps) {
   const char* name = primitiveName(p);
   if (Result<void> r = checkScalars(p); !r) return r.error();
+  if (hasNothingInIt(p)) {
+    Error e = makeError(RiError::kMissingData, "{}: there is nothing in it", name);
+    e.severity = Severity::kWarning;
+    return e;
+  }
   Result<ValueCounts> counts = expectedCounts(p, steps);
   if (!counts) return std::move(counts).error().context(name);
   PrimitiveCheck check{*counts, {}};

@@ -89,6 +89,29 @@ PointsPolygons twoTriangles() {
   return p;
 }
 
+TEST(Check, WhatHoldsNothingIsNoError) {
+  Points none;
+  none.params.set(floats("P", 0));
+  Curves bald;
+  bald.params.set(floats("P", 0));
+  PointsPolygons faceless;
+  faceless.params.set(floats("P", 0));
+  for (Primitive p : {Primitive(none), Primitive(bald), Primitive(faceless)}) {
+    const auto c = checkPrimitive(p, {});
+    ASSERT_FALSE(c.ok());
+    EXPECT_EQ(c.error().severity, Severity::kWarning) << c.error().message;
+  }
+  // Faces, or points, that are not said are an error.
+  PointsPolygons lost = twoTriangles();
+  lost.params = {};
+  lost.params.set(floats("P", 0));
+  for (Primitive p : {Primitive(lost), Primitive(Points())}) {
+    const auto c = checkPrimitive(p, {});
+    ASSERT_FALSE(c.ok());
+    EXPECT_EQ(c.error().severity, Severity::kError) << c.error().message;
+  }
+}
+
 TEST(Check, IndexedMesh) {
   Primitive p = twoTriangles();
   auto c = checkPrimitive(p, {});

@@ -1,13 +1,17 @@
 #include "ri/rib_file.h"
 
 #include <fcntl.h>
+#include <spawn.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <zlib.h>
 
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
 #include "base/whole_file.h"
 
@@ -18,18 +22,29 @@ struct RibFile::State {
   WholeFile whole;
   int fd = -1;         // standard output, a pipe or a device; else whole's
   bool owned = false;  // fd is ours to close
+  pid_t command = -1;  // fd is a socket to its standard input
   bool gzip = false;
   z_stream z{};
   int error = 0;  // errno of the first failure
 
   ~State() {
     if (gzip) deflateEnd(&z);
-    if (owned) ::close(fd);
+    (void)end();
+  }
+
+  /// Closes what is ours; the status of a command, as waitpid() has it.
+  int end() {
+    if (std::exchange(owned, false)) ::close(fd);
+    int status = 0;
+    if (const pid_t p = std::exchange(command, -1); p > 0)
+      while (::waitpid(p, &status, 0) < 0 && errno == EINTR) {
+      }
+    return status;
   }
 
   void put(const char* p, size_t n) {
     while (n > 0 && error == 0) {
-      const ssize_t written = ::write(fd, p, n);
+      const ssize_t written = command > 0 ? ::send(fd, p, n, MSG_NOSIGNAL) : ::write(fd, p, n);
       if (written < 0 && errno == EINTR) continue;
       if (written < 0) {
         error = errno;
@@ -71,6 +86,33 @@ Result<void> RibFile::open(const std::string& path, bool gzip) {
       return makeError(RiError::kNoFile, "cannot write {}: {}", path, std::strerror(error));
     s->fd = s->whole.descriptor();
   }
+  return start(std::move(s), gzip);
+}
+
+Result<void> RibFile::openCommand(const std::string& command, bool gzip) {
+  auto s = std::make_unique<State>();
+  s->path = "\"" + command + "\"";
+  int ends[2];
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+    return makeError(RiError::kSystem, "cannot run {}: {}", s->path, std::strerror(errno));
+  s->fd = ends[0];
+  s->owned = true;
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, ends[1], STDIN_FILENO);
+  const char* words[] = {"sh", "-c", command.c_str(), nullptr};
+  const int error =
+      ::posix_spawn(&s->command, "/bin/sh", &actions, nullptr, const_cast<char* const*>(words), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  ::close(ends[1]);
+  if (error != 0) {
+    s->command = -1;
+    return makeError(RiError::kSystem, "cannot run {}: {}", s->path, std::strerror(error));
+  }
+  return start(std::move(s), gzip);
+}
+
+Result<void> RibFile::start(std::unique_ptr<State> s, bool gzip) {
   if (gzip) {
     if (deflateInit2(&s->z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
       return makeError(RiError::kNoMem, "cannot start zlib");
@@ -99,8 +141,14 @@ Result<void> RibFile::finish() {
   const std::unique_ptr<State> s = std::move(state_);
   if (s->gzip && s->error == 0) s->compress({}, Z_FINISH);
   if (s->error == 0 && s->whole.descriptor() >= 0) s->error = s->whole.finish();
-  if (s->error == 0) return {};
+  const bool command = s->command > 0;
+  const int status = s->end();
+  if (s->error == 0 && status == 0) return {};
   failed_ = true;
+  if (command && status != 0)
+    return makeError(RiError::kSystem, "{} {} {}", s->path,
+                     WIFEXITED(status) ? "ended with status" : "was killed by signal",
+                     WIFEXITED(status) ? WEXITSTATUS(status) : WTERMSIG(status));
   return makeError(s->error == ENOSPC || s->error == EDQUOT ? RiError::kDiskFull : RiError::kSystem,
                    "cannot write {}: {}", s->path, std::strerror(s->error));
 }

@@ -91,7 +91,9 @@ uint64_t SceneCache::Impl::make(const Skeleton& skeleton, NodeId nodeId, Displac
 void SceneCache::Impl::reportNoRoom(const Skeleton& s, const ObjectRecord& o) {
   noRoom = true;
   if (build) return;  // whoever builds the file stops and says why: SceneCache::room()
-  Error e = makeError(RiError::kNoMem, "no memory for more grids; parts of the scene stay empty");
+  Error e = makeError(
+      RiError::kNoMem,
+      "no memory for more grids; parts of the scene stay empty (with --memory the scene goes to files)");
   e.where = locationOf(s, o);
   reportOnce("grid arena full", e);
 }

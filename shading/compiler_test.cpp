@@ -121,6 +121,27 @@ TEST(CompilerMessages, LintOfEveryKind) {
             "2:34 uniform variable 'k' changes where only some points are active");
 }
 
+TEST(CompilerMessages, StringsThatDifferFromPointToPoint) {
+  const auto warned = [](const std::string& statements) {
+    return messages(body(statements + " Ci = K;"), true).find("differs from point to point") !=
+           std::string::npos;
+  };
+  const std::string use = " Oi = n == \"a\" ? 1 : 0;";
+  EXPECT_TRUE(warned("string n = \"a\"; if (s > .5) n = \"b\";" + use));
+  EXPECT_TRUE(warned("string n = \"a\"; if (s > .5) n = \"b\"; else {" + use + "}"));
+  EXPECT_TRUE(warned("string n = s > .5 ? \"a\" : \"b\";" + use));
+  EXPECT_TRUE(warned("string l[2] = {\"a\", \"b\"}; string n = l[s * 2];" + use));
+  EXPECT_TRUE(warned("string n = format(\"%f\", s);" + use));
+  EXPECT_TRUE(warned("string n = \"a\"; while (s > t) { n = \"b\"; t += 1; }" + use));
+  // Seen only where it was set; the same for all; of each light.
+  EXPECT_FALSE(warned("if (s > .5) { string n = \"a\";" + use + "}"));
+  EXPECT_FALSE(warned("string n = \"a\"; if (s > .5) { n = \"b\"; if (K > 1) { n = \"c\"; }" + use + "}"));
+  EXPECT_FALSE(warned("string n = \"a\"; if (K > .5) n = \"b\";" + use));
+  EXPECT_FALSE(warned("string n = \"a\"; if (s > .5) n = \"b\"; n = \"c\";" + use));
+  EXPECT_FALSE(warned("string n = K > 1 ? \"a\" : \"b\";" + use));
+  EXPECT_FALSE(warned("string n = \"\"; illuminance(P) { if (lightsource(\"__x\", n) == 1) {" + use + "} }"));
+}
+
 TEST(CompilerMessages, HabitsOfOtherLanguages) {
   EXPECT_EQ(messages(body("  float i = 0; i++;\n  --i;\n  Ci = i;")),
             "2:17 '++' does not exist in this language (write x += 1)\n"
@@ -186,6 +207,24 @@ TEST(CompilerMessages, CaretPointsAtTheColumn) {
   Diagnostics d;
   (void)compileShaderString("surface a() {\n\tCi = foo;\n}\n", {}, d, "dir/a.sl").ok();
   EXPECT_EQ(d.str(), "dir/a.sl:2:7: error: unknown variable 'foo'\n  \tCi = foo;\n  \t     ^\n");
+}
+
+TEST(Diagnostics, OfLongLinesThePlaceIsShown) {
+  Diagnostic d;
+  d.where = {"a.sl", 1, 501};
+  d.message = "here";
+  d.sourceLine = std::string(500, 'a') + "X" + std::string(500, 'b');
+  const std::string text = d.str();
+  EXPECT_LT(text.size(), 400u);
+  // The mark stands under the X.
+  const size_t line = text.find("\n") + 1, mark = text.find("\n", line) + 1;
+  EXPECT_EQ(text.find('X') - line, text.find('^') - mark);
+  d.where.column = 1, d.sourceLine[0] = 'Y';
+  EXPECT_NE(d.str().find("  Y"), std::string::npos);
+  d.where.column = 1001, d.sourceLine.back() = 'Z';
+  EXPECT_NE(d.str().find("Z\n"), std::string::npos);
+  d.where.column = 5000;
+  EXPECT_EQ(d.str().find('^'), std::string::npos);
 }
 
 TEST(Preprocessor, MacrosConditionsAndIncludes) {

@@ -12,9 +12,17 @@ std::string Diagnostic::str() const {
   std::string r = place.empty() ? fmt::format("{}: {}\n", kind, message)
                                 : fmt::format("{}: {}: {}\n", place, kind, message);
   if (!sourceLine.empty()) {
-    r += "  " + sourceLine + "\n";
+    // Programs write lines of any length: what stands around the place is enough.
+    constexpr size_t kBefore = 100, kShown = 160;
+    const size_t column = size_t(std::max(where.column, 1)) - 1;
+    const size_t from = sourceLine.size() <= kShown
+                            ? 0
+                            : std::min(column - std::min(column, kBefore), sourceLine.size() - kShown);
+    const std::string line = (from > 0 ? "... " : "") + sourceLine.substr(from, kShown) +
+                             (from + kShown < sourceLine.size() ? " ..." : "");
+    r += "  " + line + "\n";
     if (where.column > 0 && size_t(where.column) <= sourceLine.size() + 1) {
-      std::string pad = sourceLine.substr(0, size_t(where.column) - 1);
+      std::string pad = line.substr(0, column - from + (from > 0 ? 4 : 0));
       for (char& c : pad)
         if (c != '\t') c = ' ';
       r += "  " + pad + "^\n";

@@ -26,6 +26,9 @@ void removeDeadCode(ShaderProgram& program);
 /// Decides which locals and temporaries are uniform. Reports varying values in uniform variables, and (lint)
 /// derivatives under varying control. Returns for each instruction whether some points may be inactive.
 std::vector<bool> inferUniformity(ShaderProgram& program, const PassContext& context);
+/// The name of a string that differs from point to point, where all points of a batch see one value of it;
+/// empty: there is none. `varyingParameters`: parameters that primitive variables make varying.
+std::string dividedString(ShaderProgram program, const std::vector<std::string>& varyingParameters);
 /// Lets operations write a variable directly instead of through a temporary, where all points are active.
 void mergeAssignments(ShaderProgram& program, const std::vector<bool>& underVaryingControl);
 /// Lets variables and temporaries that are never alive together share a symbol.

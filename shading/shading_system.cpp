@@ -6,6 +6,7 @@
 #include "base/random.h"
 #include "shading/area_light.h"
 #include "shading/compile.h"
+#include "shading/passes.h"
 #include "shading/system_impl.h"
 
 namespace fr {
@@ -54,6 +55,13 @@ cache::ParamRecord typedAs(const ShaderProgram& program, std::string_view name, 
   return given;
 }
 
+uint32_t floatsOf(const cache::ParamRecord& p) {
+  const uint32_t length = std::max(1u, p.arrayLength);
+  return p.type == cache::ParamType::kFloat    ? length
+         : p.type == cache::ParamType::kMatrix ? 16 * length
+                                               : 3 * length;
+}
+
 /// `program` may read by displacement("x", v) what `displacement` computes: an output parameter.
 bool asksForOutputs(const ShaderProgram& program, const ShaderProgram& displacement) {
   const auto computed = [&](std::string_view name) {
@@ -93,7 +101,18 @@ ShadingSystem::Impl::Impl(cache::SceneCache& c, Options o)
 std::shared_ptr<const Executable> ShadingSystem::Impl::executable(
     const std::shared_ptr<const ShaderProgram>& program, const std::vector<std::string>& varying) {
   auto& e = executables[{program.get(), joined(varying)}];
-  if (!e) e = std::make_shared<Executable>(program, varying);
+  if (!e) {
+    e = std::make_shared<Executable>(program, varying);
+    if (const std::string name = dividedString(*program, varying); !name.empty())
+      reportOnce(
+          "shader.strings." + program->name,
+          Error{RiError::kUnimplemented,
+                Severity::kWarning,
+                {},
+                fmt::format("shader \"{}\": the string {} differs from point to point, but strings are the "
+                            "same for all points that are shaded together: the picture may be wrong",
+                            program->name, name)});
+  }
   return e;
 }
 
@@ -122,6 +141,18 @@ void ShadingSystem::Impl::reportUnknownParameter(const std::string& shader, cons
                    Severity::kWarning,
                    {std::string(scene.skeleton().string(record.locationFile)), int(record.locationLine), 0},
                    fmt::format("shader \"{}\" has no parameter \"{}\"; ignored", shader, parameter)});
+}
+
+void ShadingSystem::Impl::reportOtherType(const cache::ObjectRecord& object, const std::string& variable,
+                                          const std::string& shader) const {
+  reportOnce(
+      "primvar." + shader + "." + variable,
+      Error{RiError::kConsistency,
+            Severity::kWarning,
+            {std::string(scene.skeleton().string(object.locationFile)), int(object.locationLine), 0},
+            fmt::format("variable \"{}\" of a primitive has another type or length than the parameter of "
+                        "shader \"{}\"; there the parameter stays",
+                        variable, shader)});
 }
 
 std::shared_ptr<const ShaderInstance> ShadingSystem::Impl::loadInstance(
@@ -202,6 +233,11 @@ std::unique_ptr<ShadeSetup> ShadingSystem::Impl::load(cache::AttributeId attribu
         continue;
       used.push_back(n);
       overrides.push_back({n, k});
+      const uint32_t takes = out->program().symbols[out->program().parameters[k].symbol].floats();
+      for (const cache::ObjectRecord* object : objectsOf[attributes])
+        if (const cache::ParamRecord* p = s.find(object->primvars, n);
+            p && p->type != cache::ParamType::kString && floatsOf(*p) != takes)
+          reportOtherType(*object, n, out->program().name);
     }
     if (!used.empty()) out = instance(id, type, used);
   };

@@ -405,6 +405,20 @@ TEST(ShadingSystem, AParameterThatTheShaderDoesNotHaveIsSaidOnceWithItsPlace) {
   EXPECT_GT(reports.all[0].where.line, 0);
 }
 
+TEST(ShadingSystem, AVariableOfAnotherTypeThanTheParameterIsSaidOnceWithItsPlace) {
+  const Reports reports;
+  const std::string patch = "Patch \"bilinear\" \"P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0] ";
+  Scene s("Surface \"tinted\"\n" + patch + "\"constant color tint\" [1 0 0]\n" + patch +
+              "\"constant float tint\" [0.5]\n" + patch + "\"constant float tint\" [0.25]\n",
+          {{"tinted", "surface tinted(color tint = 1) { Ci = tint; Oi = 1; }"}});
+  s.shading->loadShaders(cache::kForReyes);
+  ASSERT_EQ(reports.all.size(), 1u);
+  EXPECT_EQ(reports.all[0].severity, Severity::kWarning);
+  EXPECT_NE(reports.all[0].message.find("\"tint\""), std::string::npos);
+  EXPECT_NE(reports.all[0].message.find("\"tinted\""), std::string::npos);
+  EXPECT_GT(reports.all[0].where.line, 0);
+}
+
 TEST(ShadingSystem, ADeformationMovesTheSurfaceAndItsNormal) {
   Scene s(
       "Attribute \"displacementbound\" \"sphere\" [1]\nDeformation \"shear\" \"float by\" 0.5\nSurface "

@@ -78,6 +78,8 @@ struct ShadingSystem::Impl {
 
  private:
   std::unique_ptr<ShadeSetup> load(cache::AttributeId attributes);
+  void reportOtherType(const cache::ObjectRecord& object, const std::string& variable,
+                       const std::string& shader) const;
   void reportUnknownParameter(const std::string& shader, const std::string& parameter,
                               const cache::ShaderRecord& record) const;
   std::shared_ptr<const ShaderInstance> loadInstance(cache::ShaderId id, ShaderType type,

@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <unordered_map>
+
 #include "shading/passes.h"
 
 namespace fr {
@@ -27,6 +30,8 @@ class Uniformity {
     scan(true);
     return std::move(under_);
   }
+  /// After run(): a string that differs from point to point.
+  const std::string& dividedString() const { return dividedString_; }
 
  private:
   struct Frame {
@@ -34,6 +39,8 @@ class Uniformity {
     Op op;
     bool varying;
     bool conditional;  // by the shader's own conditions and jumps; the loops over lights are none
+    bool divides;      // it, not one around it, is entered or left by some points only
+    uint32_t id;       // of the block; both branches of an if have their own
   };
 
   const Symbol& symbol(uint32_t arg) const { return p_.symbols[arg & kArgIndex]; }
@@ -77,7 +84,7 @@ class Uniformity {
   // Points leave everything up to frame k: what follows in these frames runs for some points only.
   void leaveUpTo(size_t k) {
     for (size_t i = k; i < frames_.size(); ++i) {
-      frames_[i].varying = frames_[i].conditional = true;
+      frames_[i].varying = frames_[i].conditional = frames_[i].divides = true;
       if (frames_[i].op == Op::loop_begin) markLoop(frames_[i].begin);
     }
   }
@@ -86,19 +93,21 @@ class Uniformity {
     const bool now = varying(), chosen = conditional();
     switch (in.op) {
       case Op::if_begin:
-        frames_.push_back({i, in.op, now || conditionVaries, chosen || conditionVaries});
+        frames_.push_back(
+            {i, in.op, now || conditionVaries, chosen || conditionVaries, conditionVaries, ++blocks_});
         break;
       case Op::loop_begin:
-        frames_.push_back({i, in.op, now || loopVaries_[i], chosen || loopVaries_[i]});
+        frames_.push_back(
+            {i, in.op, now || loopVaries_[i], chosen || loopVaries_[i], loopVaries_[i], ++blocks_});
         break;
       case Op::loop_test:
         if (conditionVaries && !frames_.empty()) {
           markLoop(frames_.back().begin);
-          frames_.back().varying = frames_.back().conditional = true;
+          frames_.back().varying = frames_.back().conditional = frames_.back().divides = true;
         }
         break;
       case Op::inline_begin:
-        frames_.push_back({i, in.op, now, chosen});
+        frames_.push_back({i, in.op, now, chosen, false, ++blocks_});
         break;
       case Op::illuminance_begin:
       case Op::illuminance_cone_begin:
@@ -107,12 +116,13 @@ class Uniformity {
       case Op::illuminate_cone_begin:
       case Op::solar_begin:
       case Op::solar_cone_begin:
-        frames_.push_back({i, in.op, true, chosen});
+        frames_.push_back({i, in.op, true, chosen, false, ++blocks_});
         break;
       case Op::gather_begin:
-        frames_.push_back({i, in.op, true, true});
+        frames_.push_back({i, in.op, true, true, true, ++blocks_});
         break;
       case Op::if_else:
+        if (!frames_.empty()) frames_.back().id = ++blocks_;
         break;
       case Op::if_end:
       case Op::loop_end:
@@ -171,6 +181,7 @@ class Uniformity {
         }
       }
       if (final) {
+        followStrings(i, in);
         under_[i] = varying();
         if (conditional() && (info.flags & kOpDerivative))
           lint(in, fmt::format("the result of '{}' is undefined where only some points are active",
@@ -178,6 +189,39 @@ class Uniformity {
       }
       if (info.flags & kOpControl) control(i, in, value);
     }
+  }
+
+  /// A string has one value for all points of a batch. What is set for some points, and read where others are
+  /// too, is said, and so is what is chosen for each point.
+  void followStrings(uint32_t i, const Instruction& in) {
+    const auto operands = p_.operands(in);
+    for (uint32_t a : operands) {
+      if (!(a & kArgRead) || symbol(a).type != SlType::kString) continue;
+      const auto set = setForSome_.find(a & kArgIndex);
+      if (set == setForSome_.end()) continue;
+      const auto within = [&](const Frame& f) { return f.id == set->second.block; };
+      if (std::none_of(frames_.begin(), frames_.end(), within)) divided(p_.code[set->second.instruction], a);
+    }
+    const bool chosen = in.op == Op::select_s || in.op == Op::load_s || in.op == Op::format;
+    for (uint32_t a : operands) {
+      if (chosen && (a & kArgRead) && symbol(a).type == SlType::kFloat && symbol(a).isVarying())
+        divided(in, operands[0]);
+      if (!(a & kArgWritten) || symbol(a).type != SlType::kString) continue;
+      setForSome_.erase(a & kArgIndex);
+      if (in.op != Op::assign_s && in.op != Op::store_s) continue;
+      const auto by =
+          std::find_if(frames_.rbegin(), frames_.rend(), [](const Frame& f) { return f.divides; });
+      if (by != frames_.rend()) setForSome_[a & kArgIndex] = {by->id, i};
+    }
+  }
+
+  void divided(const Instruction& in, uint32_t a) {
+    const Symbol& s = symbol(a);
+    const std::string name(s.name < p_.strings.size() ? p_.strings[s.name] : std::string());
+    const bool named = s.storage != Storage::kTemp && !name.empty();
+    if (dividedString_.empty()) dividedString_ = named ? name : "that is chosen";
+    lint(in, fmt::format("{} differs from point to point, but all points see one value of it",
+                         named ? fmt::format("string '{}'", name) : "a string"));
   }
 
   void check(const Instruction& in, uint32_t a, bool result, bool masked) {
@@ -215,6 +259,12 @@ class Uniformity {
   const PassContext& context_;
   std::vector<Frame> frames_;
   std::vector<bool> loopVaries_, under_;
+  struct SetForSome {
+    uint32_t block, instruction;
+  };
+  std::unordered_map<uint32_t, SetForSome> setForSome_;  // by symbol
+  std::string dividedString_;
+  uint32_t blocks_ = 0;
   bool changed_ = false;
 };
 
@@ -222,6 +272,21 @@ class Uniformity {
 
 std::vector<bool> inferUniformity(ShaderProgram& program, const PassContext& context) {
   return Uniformity(program, context).run();
+}
+
+std::string dividedString(ShaderProgram program, const std::vector<std::string>& varyingParameters) {
+  const bool mayBe = std::any_of(program.code.begin(), program.code.end(), [](const Instruction& in) {
+    return in.op == Op::assign_s || in.op == Op::store_s || in.op == Op::select_s || in.op == Op::load_s ||
+           in.op == Op::format;
+  });
+  if (!mayBe) return {};
+  for (const std::string& name : varyingParameters)
+    if (const uint32_t k = program.findParameter(name); k != kNoIndex)
+      program.symbols[program.parameters[k].symbol].cls = SlClass::kVarying;
+  const PassContext quiet;
+  Uniformity u(program, quiet);
+  (void)u.run();
+  return u.dividedString();
 }
 
 }  // namespace fr

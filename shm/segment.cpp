@@ -124,8 +124,9 @@ Result<void> checkMemory(const std::string& name, uint64_t bytes, uint64_t keepF
   const AvailableMemory m = availableMemory();
   const uint64_t usable = m.usable();
   if (usable == AvailableMemory::kUnlimited || (bytes <= usable && usable - bytes >= keepFree)) return {};
-  return makeError(RiError::kNoMem, "cannot allocate {} MiB for '{}': only {} MiB are available{}",
-                   bytes >> 20, name, usable >> 20, m.groupFree < m.free ? " in this control group" : "");
+  return makeError(
+      RiError::kNoMem, "cannot allocate {} KiB for '{}': {} MiB are available{}, and {} MiB must stay so",
+      bytes >> 10, name, usable >> 20, m.groupFree < m.free ? " in this control group" : "", keepFree >> 20);
 }
 
 }  // namespace
