@@ -95,6 +95,16 @@ Result<MeshSide> meshSide(char name, bool bicubic, int n, bool periodic, int ste
 }
 
 Result<ValueCounts> countsOf(const PatchMesh& m, BasisSteps steps) {
+  if (m.separate) {
+    const int side = m.bicubic ? 4 : 2;
+    if (m.nu < side || m.nu % side != 0 || m.nv != side)
+      return inconsistent("{} x {} values make no separate patches", m.nu, m.nv);
+    ValueCounts c;
+    c.uniform = uint64_t(m.nu / side);
+    c.varying = c.faceVarying = 4 * c.uniform;
+    c.vertex = uint64_t(m.nu) * uint64_t(m.nv);
+    return c;
+  }
   const Result<MeshSide> u = meshSide('u', m.bicubic, m.nu, m.uPeriodic, steps.u);
   if (!u) return u.error();
   const Result<MeshSide> v = meshSide('v', m.bicubic, m.nv, m.vPeriodic, steps.v);

@@ -40,6 +40,9 @@ struct PatchMesh {
   bool uPeriodic = false;
   int nv = 0;
   bool vPeriodic = false;
+  /// Patches that share nothing, side by side in u, in a mesh that no request has made: each has values of
+  /// its own (4 x 4 or 2 x 2, varying ones 2 x 2) and parameters from 0 to 1.
+  bool separate = false;
   ParamList params;
 };
 struct NuPatch {

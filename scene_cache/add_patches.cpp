@@ -131,6 +131,7 @@ Result<void> addPatches(Adding& a) {
     const auto& m = std::get<ri::PatchMesh>(*a.desc.primitive);
     cubic = m.bicubic;
     s.nu = uint32_t(m.nu), s.nv = uint32_t(m.nv);
+    s.separate = m.separate;
     s.stepU = cubic ? uint32_t(a.desc.steps.u) : 1, s.stepV = cubic ? uint32_t(a.desc.steps.v) : 1;
     s.wrapU = m.uPeriodic, s.wrapV = m.vPeriodic;
     const auto patches = [cubic](uint32_t n, uint32_t step, bool wrap) -> uint32_t {
@@ -139,6 +140,10 @@ Result<void> addPatches(Adding& a) {
       return wrap ? n / step : n < 4 ? 0 : (n - 4) / step + 1;
     };
     s.patchesU = patches(s.nu, s.stepU, m.uPeriodic), s.patchesV = patches(s.nv, s.stepV, m.vPeriodic);
+    if (m.separate) {
+      s.stepU = s.stepV = cubic ? 4 : 2;
+      s.patchesU = s.nu / s.stepU, s.patchesV = s.nv / s.stepV;
+    }
   }
   if (s.patchesU == 0 || s.patchesV == 0 || uint64_t(s.patchesU) * s.patchesV >= kNone) {
     return a.error(RiError::kConsistency, fmt::format("{} x {} values make no patch", s.nu, s.nv));

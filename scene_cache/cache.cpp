@@ -227,11 +227,10 @@ uint64_t SceneCache::Impl::allocateChildren() {
   return offset;
 }
 
-uint64_t SceneCache::Impl::allocateGrid(uint64_t bytesBehind) {
+uint64_t SceneCache::Impl::allocateGrid(uint32_t levels, uint64_t bytesBehind) {
   // Where positions may start there is a record in front of them.
-  const auto recordFrom = [](uint64_t at) {
-    return (at + sizeof(GridRecord) + kPositionAlign - 1) / kPositionAlign * kPositionAlign -
-           sizeof(GridRecord);
+  const auto recordFrom = [align = positionAlign(levels)](uint64_t at) {
+    return (at + sizeof(GridRecord) + align - 1) / align * align - sizeof(GridRecord);
   };
   const uint64_t bytes = sizeof(GridRecord) + bytesBehind, most = bytes + kPositionAlign + kReadBehind;
   // Few caches are open at a time; the oldest one's chunk is dropped when another needs its place.
@@ -264,10 +263,10 @@ uint64_t SceneCache::Impl::allocateGrid(uint64_t bytesBehind) {
 }
 
 const GridRecord* SceneCache::Impl::grid(uint64_t offset, NodeId nodeId) const {
-  if (offset % 64 != 0 || offset < kStoreHeaderBytes) return nullptr;
+  if (offset % alignof(GridRecord) != 0 || offset < kStoreHeaderBytes) return nullptr;
   const auto* g = reinterpret_cast<const GridRecord*>(arena.at(offset, sizeof(GridRecord)));
-  if (!g || g->node != nodeId || g->positions % kPositionAlign != 0 || g->keyCount < 1 ||
-      g->keyCount > kMaxGridKeys || g->levels < 1 || g->levels > kLevels)
+  if (!g || g->node != nodeId || g->keyCount < 1 || g->keyCount > kMaxGridKeys || g->levels < 1 ||
+      g->levels > kLevels || g->positions % positionAlign(g->levels) != 0)
     return nullptr;
   uint64_t span, vertices;
   if (g->kind == GridKind::kGrid) {

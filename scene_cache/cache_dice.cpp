@@ -294,7 +294,8 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   const uint64_t points = uint64_t(rowStride) * unsigned(nv) + unsigned(nu) + 1;
   const uint64_t keyBytes = (points * 12 + 15) / 16 * 16;
   const uint64_t normalBytes = displaced ? uint64_t(nu + 1) * unsigned(nv + 1) * sizeof(uint32_t) : 0;
-  const uint64_t offset = allocateGrid(unsigned(keys) * keyBytes + normalBytes);
+  const int levels = std::min(plan.log2Nu, plan.log2Nv) + 1;
+  const uint64_t offset = allocateGrid(unsigned(levels), unsigned(keys) * keyBytes + normalBytes);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;
@@ -303,7 +304,7 @@ uint64_t SceneCache::Impl::makeGrid(const Skeleton& skeleton, NodeId nodeId, con
   g->node = nodeId;
   g->kind = GridKind::kGrid;
   g->keyCount = uint8_t(keys);
-  g->levels = uint8_t(std::min(plan.log2Nu, plan.log2Nv) + 1);
+  g->levels = uint8_t(levels);
   g->nu = uint16_t(nu), g->nv = uint16_t(nv);
   g->rowStride = rowStride;
   g->positions = offset + sizeof(GridRecord);
@@ -376,7 +377,7 @@ uint64_t SceneCache::Impl::makeThin(const Skeleton& skeleton, NodeId nodeId, con
   const bool displaced = displacer && displacer->displaces(root.object);
   const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;
   const uint64_t offset = allocateGrid(
-      unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
+      1, unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;
@@ -435,7 +436,7 @@ uint64_t SceneCache::Impl::makeMeshlet(const Skeleton& skeleton, NodeId nodeId, 
   const bool displaced = displacer && displacer->displaces(root.object);
   const uint64_t keyBytes = (uint64_t(count) * 12 + 15) / 16 * 16;
   const uint64_t offset = allocateGrid(
-      unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
+      1, unsigned(keys) * keyBytes + (displaced ? uint64_t(count) * sizeof(uint32_t) : 0) + triangles * 3ull);
   if (!offset) {
     reportNoRoom(skeleton, object);
     return 0;

@@ -63,7 +63,7 @@ uint64_t SceneCache::Impl::makePlaced(const Skeleton& skeleton, NodeId nodeId, c
 
   const GridRecord* source = stateOf(word) == NodeState::kGrid ? grid(gridOffset(word), from) : nullptr;
   if (!source || source->normals != 0) return 0;
-  const uint64_t offset = allocateGrid(12 * sizeof(float));
+  const uint64_t offset = allocateGrid(1, 12 * sizeof(float));
   if (!offset) return 0;
   auto* g = new (arena.base() + offset) GridRecord(*source);
   g->node = nodeId;

@@ -73,7 +73,7 @@ uint64_t SceneCache::Impl::copyGrid(const SceneCache& from, const GridRecord& o,
   const uint64_t keyBytes = (points * 12 + 15) / 16 * 16;
   const uint64_t normalBytes = v.normals ? vertices * sizeof(uint32_t) : 0,
                  indexBytes = isGrid ? 0 : o.nv * 3ull;
-  const uint64_t offset = allocateGrid(o.keyCount * keyBytes + normalBytes + indexBytes);
+  const uint64_t offset = allocateGrid(o.levels, o.keyCount * keyBytes + normalBytes + indexBytes);
   if (!offset) return 0;
   auto* g = new (arena.base() + offset) GridRecord(o);
   g->node = id_;

@@ -141,7 +141,7 @@ TEST(Grid, StridesUseTheGridsOwnVertices) {
   scene.forEachGrid([&](NodeId, const GridRecord& g) {
     ++grids;
     const auto arena = scene.cache->arena();
-    EXPECT_EQ(g.positions % kPositionAlign, 0u);
+    EXPECT_EQ(g.positions % positionAlign(g.levels), 0u);
     for (int level = 0; level < g.levels; ++level) {
       const size_t k = size_t(1) << level;
       EXPECT_EQ(g.nu % k, 0u);

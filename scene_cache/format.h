@@ -21,7 +21,7 @@
 namespace fr::cache {
 
 inline constexpr uint64_t kSkeletonMagic = 0x314c454b53435346ull;  // "FSCSKEL1"
-inline constexpr uint32_t kFormatVersion = 9;
+inline constexpr uint32_t kFormatVersion = 10;
 inline constexpr uint32_t kNone = 0xffffffffu;
 
 /// Largest grid side in cells: 16x16 micropolygons and their 17x17 vertices are one shading batch.
@@ -32,8 +32,11 @@ inline constexpr int kLevels = kMaxGridLog2 + 1;
 /// Most vertices and triangles of a meshlet.
 inline constexpr int kMaxMeshletVertices = 256;
 inline constexpr int kMaxMeshletTriangles = 320;
-/// Positions start at multiples of this many bytes from the start of the arena: 12 * 16, so that a vertex
-/// buffer of byte stride 12 * k addresses every grid by an integral vertex index for k = 1, 2, 4, 8, 16.
+/// Positions start at multiples of this many bytes from the start of the arena, so that a vertex buffer of
+/// byte stride 12 * k addresses the grid by an integral vertex index for each of its strides k = 1, 2 ..
+/// 2^(levels - 1), and that the record in front of them is aligned to 16 bytes.
+constexpr uint64_t positionAlign(uint32_t levels) { return uint64_t(12) << (levels < 3 ? 2 : levels - 1); }
+/// The largest of them.
 inline constexpr uint64_t kPositionAlign = 192;
 
 using StringId = uint32_t;     // index into the string table; 0 is ""
@@ -273,7 +276,7 @@ enum class GridKind : uint8_t { kGrid = 0, kMeshlet = 1 };
 /// A diced patch. Vertices are cache-space floats, unless `placement` says how they get there.
 /// kGrid: (nu + 1) x (nv + 1) vertices, rows `rowStride` vertices apart (padded so that strides 2..16 stay
 /// inside). kMeshlet: nu vertices, nv triangles, 3 uint8 indices each.
-struct alignas(64) GridRecord {
+struct alignas(16) GridRecord {
   NodeId node;
   GridKind kind;
   uint8_t keyCount;  // position keys, equally spaced over the shutter
@@ -281,7 +284,7 @@ struct alignas(64) GridRecord {
   uint8_t flags;     // kGridHasNormals | ...
   uint16_t nu, nv;
   uint32_t rowStride;        // in vertices; kGridSprites: vertices a sprite
-  uint64_t positions;        // arena offset of key 0; multiple of kPositionAlign
+  uint64_t positions;        // arena offset of key 0; multiple of positionAlign(levels)
   uint64_t keyBytes;         // distance between keys
   uint64_t normals;          // arena offset of a packed normal (packed_normal.h) per vertex, dense; 0: none
   uint64_t indices;          // meshlet triangles, 0: none
@@ -296,6 +299,7 @@ struct alignas(64) GridRecord {
   uint64_t placement;  // arena offset of float[12], three rows of four: the vertices are another grid's, in
                        // its object space, and this takes them to cache space. 0: none
 };
+static_assert(sizeof(GridRecord) == 112);
 inline constexpr uint8_t kGridHasNormals = 1;
 inline constexpr uint8_t kGridTrimmed = 2;  // parts are cut away: ask SceneCache::trimOf()
 inline constexpr uint8_t kGridAbsent = 4;   // all of it is cut away

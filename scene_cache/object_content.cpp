@@ -118,7 +118,8 @@ void addSource(Content& c, const Skeleton& s, const ObjectRecord& o) {
     case PrimitiveType::kBicubicPatches:
       return with(sourceRecord<PatchMeshSource>(s, o), [&](const PatchMeshSource& p) {
         addPositions(c, p.positions);
-        c.values(p.nu, p.nv, p.patchesU, p.patchesV, p.stepU, p.stepV, p.wrapU, p.wrapV, p.heightField);
+        c.values(p.nu, p.nv, p.patchesU, p.patchesV, p.stepU, p.stepV, p.wrapU, p.wrapV, p.heightField,
+                 p.separate);
         for (const float f : p.basisU) c.values(f);
         for (const float f : p.basisV) c.values(f);
       });

@@ -38,7 +38,7 @@ struct PatchMeshSource {
   uint32_t wrapU, wrapV;         // 0 or 1
   float basisU[16], basisV[16];  // bicubic
   uint32_t heightField;
-  uint32_t pad;
+  uint32_t separate;  // 1: patches side by side in u that share nothing, each with parameters from 0 to 1
 };
 
 /// A large face of a polygon or polygon mesh as a bilinear patch: corners (0,0) (1,0) (0,1) (1,1).

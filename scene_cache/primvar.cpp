@@ -105,9 +105,12 @@ bool patchPrimvar(const PatchMeshSource& m, bool cubic, uint32_t face, ParamClas
     for (uint32_t k = 0; k < 4; ++k) corner[k] = values.row(uint64_t(face) * 4 + k);
   } else {
     // Varying: one value a corner of the mesh of patches; bilinear vertex values stand at the same places.
-    const uint32_t uu = m.wrapU ? m.patchesU : m.patchesU + 1, vv = m.wrapV ? m.patchesV : m.patchesV + 1;
+    // Separate patches have two each.
+    const uint32_t step = m.separate ? 2 : 1;
+    const uint32_t uu = m.separate ? 2 * m.patchesU : m.wrapU ? m.patchesU : m.patchesU + 1;
+    const uint32_t vv = m.separate ? 2 * m.patchesV : m.wrapV ? m.patchesV : m.patchesV + 1;
     for (uint32_t k = 0; k < 4; ++k)
-      corner[k] = values.row(uint64_t((pv + k / 2) % vv) * uu + (pu + k % 2) % uu);
+      corner[k] = values.row(uint64_t((step * pv + k / 2) % vv) * uu + (step * pu + k % 2) % uu);
   }
   bilinear(corner, values.width, n, u, v, out);
   return true;
@@ -189,7 +192,7 @@ bool patchScale(const Skeleton& s, NodeId root, float* scaleU, float* scaleV, fl
     return true;
   }
   const PatchMeshSource* m = patchMesh(s, object);
-  if (!m) return false;
+  if (!m || m->separate) return false;
   *scaleU = float(m->patchesU), *scaleV = float(m->patchesV);
   if (offsetU) *offsetU = float(patch.face % m->patchesU);
   if (offsetV) *offsetV = float(patch.face / m->patchesU);

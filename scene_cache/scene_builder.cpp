@@ -74,7 +74,9 @@ void SceneBuilder::onWorldBegin() {
 
 void SceneBuilder::onWorldEnd() {
   if (world_) {
+    endRun();
     expandWaiting();
+    endRun();
     for (const auto& [name, place] : state().namedSpaces())
       if (auto t = state().toWorld(place)) world_->writer.addNamedSpace(name, world_->records.transform(*t));
     world_->counts.lights += world_->records.lightCount();
@@ -118,9 +120,24 @@ void SceneBuilder::onPrimitive(const ri::PlacedPrimitive& p) {
     return;
   }
 
+  if (!w.solids.open() && run_.take(p, sides_)) return;
+  endRun();
+  if (w.solids.open() || !run_.take(p, sides_)) addNow(p, 1);
+}
+
+void SceneBuilder::endRun() {
+  if (run_.empty()) return;
+  const uint8_t sides = std::exchange(sides_, run_.sides());
+  const uint32_t requests = run_.requests();
+  addNow(run_.end(), requests);
+  sides_ = sides;
+}
+
+void SceneBuilder::addNow(const ri::PlacedPrimitive& p, uint32_t requests) {
+  World& w = *world_;
   const ObjectId firstObject = w.writer.nextObject();
   if (!add(p, 0)) return;
-  ++w.counts.primitives;
+  w.counts.primitives += requests;
   if (!w.writer.ok() || w.writer.nextObject() == firstObject) return;
   if (p.attributes->areaLight >= 0)
     if (const ShaderId light = w.records.light(p.attributes->areaLight); light != kNone) {
@@ -193,6 +210,7 @@ bool SceneBuilder::add(const ri::PlacedPrimitive& p, float fixedRate) {
 }
 
 void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
+  endRun();  // before anything is inside its solid
   const SolidBlocks::Whole whole(world_->solids);
   auto bezier = std::make_shared<ri::Basis>();
   bezier->u = bezier->v = ri::namedBasis("bezier").value_or(DMat4(1));
@@ -209,10 +227,12 @@ void SceneBuilder::teapot(const ri::PlacedPrimitive& p) {
     source->location = p.source->location;
     onPrimitive({source, p.attributes, p.objectToWorld});
   }
+  endRun();
 }
 
 void SceneBuilder::onSolidBegin(const std::string& operation) {
   if (!adding()) return;
+  endRun();
   if (!world_->solids.begin(operation))
     report({RiError::kBadSolid, Severity::kError, location(),
             "a Solid block in SolidBegin \"primitive\": its surfaces bound the outer solid"});

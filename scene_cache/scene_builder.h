@@ -15,6 +15,7 @@
 #include "ri/reader.h"
 #include "ri/state_renderer.h"
 #include "scene_cache/attribute_records.h"
+#include "scene_cache/primitive_run.h"
 #include "scene_cache/procedural_programs.h"
 #include "scene_cache/procedural_request.h"
 #include "scene_cache/scene_loader.h"
@@ -114,6 +115,9 @@ class SceneBuilder : public ri::StateRenderer {
                    const DMat4& objectToCache) const;
   void addInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
                    const ri::Transform& objectToWorld, Retained* known, float rate);
+  /// Adds what was taken together.
+  void endRun();
+  void addNow(const ri::PlacedPrimitive& p, uint32_t requests);
   void deliver();
   void teapot(const ri::PlacedPrimitive& p);
   void notImplemented(std::string_view request, std::string_view consequence, const SourceLocation& where);
@@ -128,6 +132,7 @@ class SceneBuilder : public ri::StateRenderer {
   WorldFiller* filler_ = nullptr;
   WorldSource* source_ = nullptr;  // not null: the tracer's stream
   uint8_t sides_ = kForReyes | kForTracer;
+  PrimitiveRun run_;
   std::unique_ptr<OwnWorld> own_;
   std::unique_ptr<World> world_;  // null outside worlds and in frames that are read over
   int worldsSeen_ = 0;

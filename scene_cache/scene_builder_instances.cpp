@@ -60,6 +60,7 @@ DMat4 translation(const DVec3& t) {
 void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::AttributePtr& attributes,
                               const ri::TransformPtr& objectToWorld) {
   if (!adding()) return;
+  endRun();
   World& w = *world_;
   ++w.counts.instances;
   // Right inside a set operation an instance is one solid.
@@ -76,6 +77,7 @@ void SceneBuilder::onInstance(const ri::RetainedObject& object, const ri::Attrib
     known.first = first;
     const ObjectId begin = w.writer.nextObject();
     StateRenderer::onInstance(object, attributes, objectToWorld);
+    endRun();
     Box3f all;
     for (ObjectId i = begin; i < w.writer.nextObject(); ++i) {
       const ObjectRecord& o = w.writer.object(i);

@@ -13,6 +13,7 @@
 
 #include "scene_cache/cache_impl.h"
 #include "scene_cache/face_varying.h"
+#include "scene_cache/patch_basis.h"
 #include "scene_cache/primvar.h"
 
 namespace fr::cache {
@@ -54,6 +55,29 @@ struct SmoothVariable {
   std::vector<uint32_t> cornerOfValue;
 };
 
+/// Faces whose limit is that of a regular grid of quadrilaterals without edges, creases or corners nearby.
+std::vector<bool> regularFaces(const osd::Far::TopologyRefiner& refiner) {
+  const osd::Far::TopologyLevel& mesh = refiner.GetLevel(0);
+  std::vector<bool> vertex(size_t(mesh.GetNumVertices()));
+  for (int v = 0; v < mesh.GetNumVertices(); ++v) {
+    const auto edges = mesh.GetVertexEdges(v);
+    const auto faces = mesh.GetVertexFaces(v);
+    bool regular = faces.size() == 4 && edges.size() == 4 && !mesh.IsVertexBoundary(v) &&
+                   !mesh.IsVertexNonManifold(v) && !(mesh.GetVertexSharpness(v) > 0);
+    for (int e = 0; regular && e < edges.size(); ++e) regular = !(mesh.GetEdgeSharpness(edges[e]) > 0);
+    for (int f = 0; regular && f < faces.size(); ++f) regular = mesh.GetFaceVertices(faces[f]).size() == 4;
+    vertex[size_t(v)] = regular;
+  }
+  std::vector<bool> face(size_t(mesh.GetNumFaces()));
+  for (int f = 0; f < mesh.GetNumFaces(); ++f) {
+    const auto corners = mesh.GetFaceVertices(f);
+    bool regular = corners.size() == 4 && !mesh.IsFaceHole(f);
+    for (int c = 0; regular && c < corners.size(); ++c) regular = vertex[size_t(corners[c])];
+    face[size_t(f)] = regular;
+  }
+  return face;
+}
+
 }  // namespace
 
 struct SubdivisionTopology::Impl {
@@ -64,6 +88,7 @@ struct SubdivisionTopology::Impl {
   std::vector<uint32_t> firstCorner;  // of each face
   std::span<const uint32_t> sizes, vertices;
   std::vector<SmoothVariable> smooth;
+  std::vector<bool> regularFace;  // its limit patch is one uniform bicubic B-spline; empty: none is
 
   uint32_t sizeOf(uint32_t face) const { return firstCorner[face + 1] - firstCorner[face]; }
 };
@@ -119,6 +144,7 @@ std::shared_ptr<SubdivisionTopology> SubdivisionTopology::create(const Subdivisi
   d.refiner.reset(RefinerFactory::Create(desc, RefinerFactory::Options(type, options)));
   if (!d.refiner) return nullptr;
   d.factory = std::make_unique<Factory>(*d.refiner);
+  if (m.scheme == SubdivisionScheme::kCatmullClark && !m.pieces) d.regularFace = regularFaces(*d.refiner);
   return t;
 }
 
@@ -223,6 +249,28 @@ Vec3 SubdivisionSurface::derivatives(uint32_t patch, float u, float v, Vec3& du,
   du = a * at.uu + b * at.vu;
   dv = a * at.uv_ + b * at.vv;
   return p;
+}
+
+bool SubdivisionSurface::bezier(uint32_t patch, double (&points_)[48], DMat4* toCache) const {
+  if (base) {
+    if (!base->bezier(patch, points_, toCache)) return false;
+    *toCache = placement;
+    return true;
+  }
+  const std::vector<bool>& regular = topology->impl->regularFace;
+  const uint32_t face = patches[patch].face;
+  if (face >= regular.size() || !regular[face]) return false;
+  const PreparedFace& f = preparedFace(*topology->impl, id, face, points.data());
+  if (!f.valid || !f.surface.IsRegular() || f.points.size() != 48) return false;
+  std::copy(f.points.begin(), f.points.end(), points_);
+  static const BezierConversion kSpline = [] {
+    static constexpr float kBasis[16] = {-1 / 6.f, 3 / 6.f, -3 / 6.f, 1 / 6.f, 3 / 6.f, -6 / 6.f, 3 / 6.f, 0,
+                                         -3 / 6.f, 0,       3 / 6.f,  0,       1 / 6.f, 4 / 6.f,  1 / 6.f, 0};
+    return bezierConversion(kBasis);
+  }();
+  convertToBezier(kSpline, kSpline, 3, points_);
+  *toCache = DMat4(1);
+  return true;
 }
 
 struct SubdivisionStore::Impl {

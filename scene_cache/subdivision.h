@@ -55,6 +55,10 @@ class SubdivisionSurface {
   Vec3 point(uint32_t patch, float u, float v) const;
   Vec3 derivatives(uint32_t patch, float u, float v, Vec3& du, Vec3& dv) const;
   bool hasPatch(uint32_t patch) const { return patch < patches.size(); }
+  /// Bezier points of a patch that is a bicubic polynomial, u fastest, before `toCache`: of a quadrilateral
+  /// all of whose vertices are smooth, inside and in four quadrilaterals (most of the faces of most meshes).
+  /// False for all others.
+  bool bezier(uint32_t patch, double (&points)[48], DMat4* toCache) const;
 
   uint64_t id = 0;  // unique in the process
   std::shared_ptr<const SubdivisionTopology> topology;

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "scene_cache/edge_count.h"
+#include "scene_cache/subdivision.h"
 
 namespace fr::cache {
 namespace {
@@ -47,6 +48,55 @@ TEST(Subdivision, CubeHasTheKnownLimit) {
     const Vec3 m = pointOf(scene, face, 0.5f, 0.5f);
     EXPECT_NEAR(std::abs(m.x) + std::abs(m.y) + std::abs(m.z), glm::length(m), 1e-5);
     EXPECT_NEAR(glm::length(m), glm::length(pointOf(scene, 0, 0.5f, 0.5f)), 1e-6);
+  }
+}
+
+/// n x n quadrilaterals over [0, n], at heights of no pattern.
+std::string bumpySheet(int n, const std::string& tags) {
+  std::string sizes, faces, points;
+  for (int j = 0; j <= n; ++j)
+    for (int i = 0; i <= n; ++i)
+      points += fmt::format("{} {} {:.4f} ", i, j, 0.7 * std::sin(3.1 * i * i + 5.7 * j + i * j));
+  for (int j = 0; j < n; ++j)
+    for (int i = 0; i < n; ++i) {
+      const int a = j * (n + 1) + i;
+      sizes += "4 ";
+      // Faces begin at different corners.
+      const int corner[4] = {a, a + 1, a + n + 2, a + n + 1};
+      for (int k = 0; k < 4; ++k) faces += fmt::format("{} ", corner[(k + i + 2 * j) % 4]);
+    }
+  return fmt::format("SubdivisionMesh \"catmull-clark\" [{}] [{}] {} \"P\" [{}]\n", sizes, faces, tags,
+                     points);
+}
+
+TEST(Subdivision, RegularFacesAreBicubicPatches) {
+  const std::string boundary = "[\"interpolateboundary\"] [0 0] [] []";
+  // A crease between two vertices inside: the faces around both are no longer regular.
+  const std::string crease = "[\"interpolateboundary\" \"crease\"] [0 0 2 1] [24 25] [2]";
+  for (const auto& [tags, regular] : {std::pair(boundary, 16u), std::pair(crease, 10u)}) {
+    DiceScene scene(diceWorld(diceCamera(12), bumpySheet(6, tags)));
+    ASSERT_TRUE(scene.cache);
+    const Skeleton& s = scene.cache->skeleton();
+    SubdivisionStore store(s);
+    const SubdivisionSurface* surface = store.surface(0, 0);
+    ASSERT_NE(surface, nullptr);
+    uint32_t found = 0;
+    for (NodeId face = 0; face < s.rootPatches().size(); ++face) {
+      double points[48];
+      DMat4 placement;
+      if (surface->bezier(face, points, &placement)) ++found;
+      for (const auto& [u, v] :
+           {std::pair(0.0f, 0.0f), {1.0f, 0.0f}, {0.3f, 0.8f}, {0.5f, 0.5f}, {1.0f, 1.0f}}) {
+        Vec3 p, du, dv, wantedU, wantedV;
+        SurfaceOut out;
+        for (int c = 0; c < 3; ++c) out.P[c] = &p[c], out.dPdu[c] = &du[c], out.dPdv[c] = &dv[c];
+        scene.cache->evaluateSurface(face, 1, nullptr, &u, &v, out);
+        const Vec3 wanted = surface->derivatives(face, u, v, wantedU, wantedV);
+        EXPECT_LT(glm::length(p - wanted), 2e-5f) << face;
+        EXPECT_LT(glm::length(du - wantedU) + glm::length(dv - wantedV), 2e-4f) << face;
+      }
+    }
+    EXPECT_EQ(found, regular);
   }
 }
 
@@ -294,6 +344,29 @@ TEST(Subdivision, InterpolateBoundaryWithAndWithoutItsNumber) {
   EXPECT_NEAR(glm::length(pointOf(bare, 0, 1, 1) - Vec3(1, 1, 0)), 0, 1e-5);
   // A closed cubic B-spline of the four corners: (4 + 1 + 0) / 6.
   EXPECT_NEAR(glm::length(pointOf(two, 0, 1, 1) - Vec3(5 / 6.0f, 5 / 6.0f, 0)), 0, 1e-5);
+}
+
+TEST(Watertight, RegularAndOtherFacesOfASubdivisionMesh) {
+  // A torus with a crease: faces along it are not regular, their neighbours are.
+  constexpr int kRows = 7, kColumns = 9;
+  std::string sizes, faces, points;
+  for (int j = 0; j < kRows; ++j)
+    for (int i = 0; i < kColumns; ++i) {
+      const double a = 2 * M_PI * i / kColumns, b = 2 * M_PI * j / kRows,
+                   r = 0.45 + 0.1 * std::sin(3 * i + j);
+      points += fmt::format("{:.5f} {:.5f} {:.5f} ", (1 + r * std::cos(b)) * std::cos(a),
+                            (1 + r * std::cos(b)) * std::sin(a), r * std::sin(b));
+      const int i1 = (i + 1) % kColumns, j1 = (j + 1) % kRows;
+      sizes += "4 ";
+      faces += fmt::format("{} {} {} {} ", j * kColumns + i, j * kColumns + i1, j1 * kColumns + i1,
+                           j1 * kColumns + i);
+    }
+  expectWatertight(
+      "torus",
+      fmt::format("Rotate 40 1 2 3\nSubdivisionMesh \"catmull-clark\" [{}] [{}] [\"crease\"] [3 1] [0 1 "
+                  "2] [1.5] \"P\" [{}]\n",
+                  sizes, faces, points),
+      {1.1, 1.6, 3, 20});
 }
 
 TEST(Watertight, SubdivisionMeshes) {

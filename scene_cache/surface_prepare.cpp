@@ -85,13 +85,18 @@ bool Surface::prepare(const Skeleton& skeleton, NodeId root, float time, Subdivi
       } else {
         setBilinear(points, int(p.components), toCache);
       }
-      shaderScaleU = float(s->patchesU), shaderScaleV = float(s->patchesV);
+      if (!s->separate) shaderScaleU = float(s->patchesU), shaderScaleV = float(s->patchesV);
       return true;
     }
     case PrimitiveType::kSubdivision: {
       if (!subdivisions) return false;
       subdivision_ = subdivisions->surface(patch.object, time);
       if (!subdivision_ || !subdivision_->hasPatch(patch.face)) return false;
+      double points[48];
+      if (DMat4 placed; subdivision_->bezier(patch.face, points, &placed)) {
+        setBicubic(points, 3, placed);
+        return true;
+      }
       subdivisionPatch_ = patch.face;
       form_ = SurfaceForm::kSubdivision;
       return true;
