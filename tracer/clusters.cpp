@@ -9,6 +9,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <span>
 #include <tuple>
 
 #include "tracer/hazard_slot.h"
@@ -27,17 +28,15 @@ struct Clusters::Tree {
 struct alignas(64) Clusters::Cluster {
   Box3f box;
   uint32_t mask = 0;
-  std::vector<ClusterItem> items;
+  std::vector<std::pair<NodeId, ObjectId>> items;
   /// Surfaces that may go on in other clusters, as other primitives too: their boxes by attribute state.
   std::vector<std::pair<uint32_t, Box3f>> surfaces;
 
   std::atomic<const Tree*> tree[kLevels] = {};
   std::atomic<uint32_t> lastUse{0};
 
-  std::mutex building;                              // all below
-  std::atomic<bool> described{false};               // the next three do not change any more
-  std::vector<std::pair<uint32_t, Box3f>> foreign;  // what of its surfaces may stand in other clusters
-  bool foreignKnown = false;
+  std::mutex building;                 // all below
+  std::atomic<bool> described{false};  // the next two do not change any more
   int levels = 1;
   float deviation[kLevels] = {};
   std::atomic<bool> listed{false};  // the next one does not change any more
@@ -109,6 +108,9 @@ void Clusters::add(std::vector<ClusterItem> items, double size) {
   double total = 0;
   for (const ClusterItem& i : items) total += i.micropolygons;
   for (auto& [mask, some] : byMask) split(some, 0, some.size(), {size, total / kMostLooseClusters, mask});
+  std::sort(places_.begin(), places_.end(), [](const Place& a, const Place& b) {
+    return std::pair(a.root, a.node) < std::pair(b.root, b.node);
+  });
 }
 
 void Clusters::split(std::vector<ClusterItem>& items, size_t first, size_t end, const Cut& cut) {
@@ -155,17 +157,19 @@ void Clusters::split(std::vector<ClusterItem>& items, size_t first, size_t end, 
   }
   auto c = std::make_unique<Cluster>();
   c->mask = cut.mask;
-  c->items.assign(items.begin() + std::ptrdiff_t(first), items.begin() + std::ptrdiff_t(end));
-  std::sort(c->items.begin(), c->items.end(), [&](const ClusterItem& a, const ClusterItem& b) {
+  const std::span<ClusterItem> own(items.data() + first, end - first);
+  std::sort(own.begin(), own.end(), [&](const ClusterItem& a, const ClusterItem& b) {
     const PatchNode &m = cache_.node(a.node), &n = cache_.node(b.node);
     return std::tuple(a.object, m.root, m.dv, m.iv, m.du, m.iu) <
            std::tuple(b.object, n.root, n.dv, n.iv, n.du, n.iu);
   });
+  c->items.reserve(own.size());
   std::map<uint32_t, Box3f> surfaces;
-  for (const ClusterItem& i : c->items) {
+  for (const ClusterItem& i : own) {
+    c->items.emplace_back(i.node, i.object);
     c->box.extend(i.bound);
     surfaces[cache_.skeleton().objects()[i.object].attributes].extend(i.bound);
-    placesOfRoot_.emplace(cache_.node(i.node).root, Place{i.node, uint32_t(clusters_.size())});
+    places_.push_back({cache_.node(i.node).root, i.node, uint32_t(clusters_.size())});
   }
   c->box = rounded(c->box);
   for (const auto& [attributes, box] : surfaces) c->surfaces.emplace_back(attributes, rounded(box));
@@ -260,10 +264,10 @@ const Clusters::Tree* Clusters::use(Cluster& c, int level) {
 // ---- building
 // ---------------------------------------------------------------------------------------------------------
 
-/// What may belong to the same surface and stands in other clusters. A cluster's trees may be built often.
-void Clusters::findForeign(Cluster& c) {
-  if (c.foreignKnown) return;
-  c.foreignKnown = true;
+/// What may belong to the same surfaces and stands in other clusters, by attribute state. Looked for whenever
+/// a tree is built: that takes longer, and the lists of all clusters would be as large as many trees.
+std::vector<std::pair<uint32_t, Box3f>> Clusters::foreignTo(const Cluster& c) const {
+  std::vector<std::pair<uint32_t, Box3f>> foreign;
   for (size_t i = 0; i < boxes_.size(); ++i) {
     if (!boxes_[i].overlaps(c.box)) continue;
     const Cluster& other = *clusters_[i];
@@ -271,8 +275,9 @@ void Clusters::findForeign(Cluster& c) {
     for (const auto& [attributes, box] : other.surfaces)
       if (std::any_of(c.surfaces.begin(), c.surfaces.end(),
                       [attributes = attributes](const auto& s) { return s.first == attributes; }))
-        c.foreign.emplace_back(attributes, box);
+        foreign.emplace_back(attributes, box);
   }
+  return foreign;
 }
 
 std::vector<GatheredGrid> Clusters::gather(Cluster& c, int level) {
@@ -281,10 +286,10 @@ std::vector<GatheredGrid> Clusters::gather(Cluster& c, int level) {
   tbb::this_task_arena::isolate([&] {
     tbb::parallel_for(tbb::blocked_range<size_t>(0, c.items.size(), 4), [&](const auto& range) {
       for (size_t i = range.begin(); i != range.end(); ++i) {
-        const ClusterItem& item = c.items[i];
-        ObjectFacts facts = facts_[item.object];
+        const auto& [node, object] = c.items[i];
+        ObjectFacts facts = facts_[object];
         facts.level = std::min(facts.level + level, kLevels - 1);
-        gatherNode(cache_, item.node, item.object, facts, parts[i]);
+        gatherNode(cache_, node, object, facts, parts[i]);
       }
     });
   });
@@ -292,13 +297,13 @@ std::vector<GatheredGrid> Clusters::gather(Cluster& c, int level) {
   for (const auto& p : parts) all.insert(all.end(), p.begin(), p.end());
   orientGrids(cache_, all, nullptr);
 
-  findForeign(c);
-  if (!c.foreign.empty())
+  const auto foreign = foreignTo(c);
+  if (!foreign.empty())
     for (GatheredGrid& g : all) {
       const ResolvedNode r = cache_.peek(g.entry.node);
       if (!r.grid) continue;
       const Box3f box = rounded(r.grid->bound);
-      g.open = std::any_of(c.foreign.begin(), c.foreign.end(), [&](const auto& f) {
+      g.open = std::any_of(foreign.begin(), foreign.end(), [&](const auto& f) {
         return f.first == g.entry.attributes && f.second.overlaps(box);
       });
     }
@@ -369,13 +374,14 @@ const Clusters::Tree* Clusters::build(Cluster& c, int level) {
 uint32_t Clusters::entryOf(NodeId node) {
   if (node >= cache_.nodeCount()) return kNone;
   const PatchNode& n = cache_.node(node);
-  const auto [begin, end] = placesOfRoot_.equal_range(n.root);
-  for (auto place = begin; place != end; ++place) {
-    const PatchNode& whole = cache_.node(place->second.node);
+  auto place = std::lower_bound(places_.begin(), places_.end(), n.root,
+                                [](const Place& p, uint32_t root) { return p.root < root; });
+  for (; place != places_.end() && place->root == n.root; ++place) {
+    const PatchNode& whole = cache_.node(place->node);
     if (n.du < whole.du || n.dv < whole.dv || n.iu >> (n.du - whole.du) != whole.iu ||
         n.iv >> (n.dv - whole.dv) != whole.iv)
       continue;
-    Cluster& c = *clusters_[place->second.cluster];
+    Cluster& c = *clusters_[place->cluster];
     if (!c.listed.load(std::memory_order_acquire)) build(c, 0);
     const auto at = std::lower_bound(c.byNode.begin(), c.byNode.end(), node,
                                      [&](uint32_t e, NodeId wanted) { return entries_[e].node < wanted; });

@@ -20,7 +20,6 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
-#include <unordered_map>
 #include <vector>
 
 #include "tracer/part_builder.h"
@@ -75,7 +74,7 @@ class Clusters {
     uint32_t mask;
   };
   void split(std::vector<ClusterItem>& items, size_t first, size_t end, const Cut& cut);
-  void findForeign(Cluster& c);
+  std::vector<std::pair<uint32_t, Box3f>> foreignTo(const Cluster& c) const;
   std::vector<GatheredGrid> gather(Cluster& c, int level);
   void dice(Cluster& c);
   int levelFor(const Cluster& c, const struct Ray& ray) const;
@@ -93,11 +92,13 @@ class Clusters {
   std::vector<std::unique_ptr<Cluster>> clusters_;
   std::vector<Box3f> boxes_;                              // of clusters_, close together
   std::vector<std::unique_ptr<BoxGeometry>> geometries_;  // one a mask
+  /// Which cluster an item is in.
   struct Place {
+    uint32_t root;
     cache::NodeId node;
     uint32_t cluster;
   };
-  std::unordered_multimap<uint32_t, Place> placesOfRoot_;
+  std::vector<Place> places_;  // sorted
   std::atomic<uint32_t> clock_{1};
   mutable std::mutex mutex_;  // retired_ and counts_
   std::vector<std::unique_ptr<const Tree>> retired_;

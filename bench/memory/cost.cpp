@@ -183,7 +183,7 @@ std::vector<MemoryCase> memoryCases() {
       {"NURBS", world(0.1, nurbs), false, kGrids, kGrids},
       {"subdivision", world(0.25, cube), false, kGrids, kGrids},
       {"moving sphere", world(0.5, moving), false, 0, 100},
-      {"small patches", world(1, small), false, 0, 260},
+      {"small patches", world(1, small), false, kGrids, 145},
       {"triangle mesh", world(1, irregularMesh(300, false)), true, kMeshes, 43},
       {"quad mesh", world(1, irregularMesh(300, true)), true, kMeshes, 43},
       {"curves", world(1, manyCurves()), true, kMeshes, kMeshes},
