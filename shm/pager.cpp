@@ -32,6 +32,9 @@ constexpr int kSharesPart = 40;
 constexpr uint64_t kLeastFiles = uint64_t(4) << 20;
 /// No more than this is taken for programs and libraries.
 constexpr uint64_t kMostLibraries = uint64_t(24) << 20;
+/// Files keep a quarter of the budget as long as private memory can be given back: with less, trees are built
+/// of pages that have to be read for each.
+constexpr uint64_t kFairPart = 4;
 /// Looks after which a sudden growth counts a third.
 constexpr uint64_t kLooksToForget = 512;
 constexpr size_t kMostUnwritten = 4096;
@@ -178,16 +181,21 @@ struct Pager::State {
     // Each process lets go of its share; somewhat more, so that this need not be done at every look.
     const uint64_t excess = sum - limit + budget / 64;
     const uint64_t files = own.files + peer.files;
-    const uint64_t share = files > 0 ? uint64_t(double(excess) * double(own.files) / double(files)) : 0;
+    // What is read again and again needs room as well as what was built from it: below a fair part of the
+    // budget pages stay, and private memory has to go. Where there is none that can, or it does not go in
+    // time, pages do.
+    const uint64_t fair = std::max(2 * floor, budget / kFairPart);
+    uint64_t fromFiles = std::min(excess, files - std::min(files, fair));
+    if (fromFiles < excess && hooks.giveBack) {
+      const uint64_t wanted = excess - fromFiles;
+      asked.fetch_add(wanted, std::memory_order_relaxed);
+      fromFiles += wanted - std::min(wanted, hooks.giveBack(wanted));
+    } else if (sum > limit + margin / 2) {
+      fromFiles = excess;
+    }
+    const uint64_t share = files > 0 ? uint64_t(double(fromFiles) * double(own.files) / double(files)) : 0;
     if (own.files > floor)
       sumThen -= std::min(sumThen, letPagesGo(own.files, std::min(share, own.files - floor)));
-    // Private memory has to go when files alone cannot make room.
-    const uint64_t most = files > 2 * floor ? files - 2 * floor : 0;
-    if (excess > most / 2 && hooks.giveBack) {
-      const uint64_t wanted = excess - most / 2;
-      asked.fetch_add(wanted, std::memory_order_relaxed);
-      if (hooks.giveBack(wanted) >= wanted) return;
-    }
     if (sum - std::min(sum, files) > budget && !warned) {
       warned = true;
       reportWarning(RiError::kNoMem,

@@ -47,7 +47,7 @@ struct RaySceneOptions {
   /// clusters (tracer/clusters.h); the others as one flat tree, but for what stands outside the picture.
   double flatMicropolygons = 16e6;
   /// Of a cluster.
-  double clusterMicropolygons = 256 * 1024;
+  double clusterMicropolygons = 32 * 1024;
   /// Where the scene has no Option "trace" "levels".
   LevelChoice levels = LevelChoice::kAuto;
   /// Bytes of trees that giveBack() leaves: with none at all, each ray would build its trees anew.
