@@ -96,6 +96,19 @@ float AnswerThread::chanceOf(const AskedRay& asked) const {
   return chance;
 }
 
+/// What of a ray does not depend on where it is.
+void AnswerThread::fillRay(Ray& r, const AskedRay& asked, uint32_t mask, const Level& at) const {
+  r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
+  r.mask = mask;
+  if (tracer_.scene()->isThinned()) r.chance = chanceOf(asked);
+  r.radius = asked.saneRadius(), r.spread = std::max(0.0f, asked.saneSpread());
+  if (at.limited) r.seen = at.seen.data();
+  if (at.terms.flags & RayTerms::kFrontOnly) r.side = 1;
+  if (at.terms.flags & RayTerms::kBackOnly) r.side = -1;
+  const bool segment = mask & (kOpaqueShadowRay | kFilteredShadowRay);
+  if (!segment && at.terms.maxDistance > 0) r.farDistance = at.terms.maxDistance;
+}
+
 /// The ray that was asked. False: it makes no sense, or is a segment without length (whose farDistance is 0).
 bool AnswerThread::startRay(Ray& r, const AskedRay& asked, uint32_t mask, const Level& at) {
   const RayScene* scene = tracer_.scene();
@@ -112,22 +125,13 @@ bool AnswerThread::startRay(Ray& r, const AskedRay& asked, uint32_t mask, const 
     return false;
   }
   r.direction = Vec3(d / length);
-  r.time = asked.time >= 0 && asked.time <= 1 ? asked.time : asked.time > 1 ? 1.0f : 0.0f;
-  r.mask = mask;
-  if (scene->isThinned()) r.chance = chanceOf(asked);
-  r.radius = asked.saneRadius(), r.spread = std::max(0.0f, asked.saneSpread());
+  fillRay(r, asked, mask, at);
   r.origin = asked.origin;
   if (at.terms.flags & RayTerms::kHasBias)
     r.departure.nearDistance = r.nearDistance = at.terms.bias;
   else
     scene->leave(r, asked.node, asked.normal);
-  if (at.limited) r.seen = at.seen.data();
-  if (at.terms.flags & RayTerms::kFrontOnly) r.side = 1;
-  if (at.terms.flags & RayTerms::kBackOnly) r.side = -1;
-  if (!segment) {
-    if (at.terms.maxDistance > 0) r.farDistance = at.terms.maxDistance;
-    return true;
-  }
+  if (!segment) return true;
   // Its end stays where it is.
   const DVec3 rest = DVec3(asked.origin) + d - DVec3(r.origin);
   const double distance = glm::length(rest);

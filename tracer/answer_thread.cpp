@@ -165,6 +165,7 @@ void AnswerThread::answerHitTests(RayQuery& query, uint32_t count, const Level& 
   const uint32_t mask = rayMask(RayKind::kHitTest, at.terms), flags = at.terms.flags;
   const bool node = flags & RayTerms::kWantsNode, whether = flags & RayTerms::kOnlyWhether && !node;
   const bool point = !(flags & (RayTerms::kOnlyDistance | RayTerms::kOnlyWhether));
+  if (whether) return answerWhether(query, count, mask, at);
   uint32_t order[kMaxRays];
   const volatile RayQuery& q = query;
   orderRays(scene, count, order, [&q](uint32_t i) {
@@ -175,10 +176,6 @@ void AnswerThread::answerHitTests(RayQuery& query, uint32_t count, const Level& 
     Ray ray;
     const bool sane = startRay(ray, askedRay(query, k), mask, at);
     counts_.intersections += sane;
-    if (whether) {
-      query.hitDistance[k] = sane && scene->anyHit(ray) ? 0.0f : kNoHit;
-      continue;
-    }
     const Hit hit = sane ? scene->closest(ray) : Hit{};
     query.hitDistance[k] = hit.any() ? hit.distance : kNoHit;
     if (node) query.hitNode[k] = hitNode(hit);

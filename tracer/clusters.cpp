@@ -219,6 +219,7 @@ template <class Walk>
 void Clusters::enter(void* geometry, uint32_t box, RTCIntersectContext* context, Walk&& walk) {
   const auto& g = *static_cast<const BoxGeometry*>(geometry);
   auto& filter = *reinterpret_cast<HitFilter*>(context);
+  filter.wake();
   Cluster& c = *g.clusters[box];
   const Tree* tree = g.owner->use(c, g.owner->levelFor(c, *filter.ray));
   if (!tree) return;

@@ -60,6 +60,9 @@ struct HitFilter {
   bool probing = false;
   float sense = 1;  // probing: along the oriented normals, or -1
   Hit best;
+  /// RayScene::anyHit(): not nullptr as long as the ray is not whole.
+  void (*fill)(void* who, Ray& ray) = nullptr;
+  void* filler = nullptr;
   /// The last places where the ray came out of the surface that it leaves, and where it went under it again.
   /// Facets are found in any order.
   float emerged = -kInfinity;
@@ -78,7 +81,15 @@ struct HitFilter {
     if (a->valid[0] && !self->accept(r->tfar, *h)) a->valid[0] = 0;
   }
 
+  /// Whoever wants to know more of the ray than Embree does calls this first.
+  void wake() {
+    if (!fill) return;
+    fill(filler, const_cast<Ray&>(*ray));
+    fill = nullptr;
+  }
+
   bool accept(float t, const RTCHit& h) {
+    wake();
     Candidate c;
     const RayScene::Instance* instance = nullptr;
     if (h.instID[0] != RTC_INVALID_GEOMETRY_ID)

@@ -42,6 +42,10 @@ constexpr float kGrazingSagittas = 16;
 /// A facet is no farther than this from a point that lies on the surface or on the facets as shaded.
 constexpr float kProbeSagittas = 3;
 
+float grazingCosine(float deviation, float cellSize) {
+  return std::max(kGrazing, kGrazingSagittas * deviation / cellSize);
+}
+
 /// A direction within rounding of this one (2^-20), as different from it for every ray as its last bits are.
 Vec3 nudged(const Vec3& d) {
   const auto bits = [](float x) { return std::bit_cast<uint32_t>(x); };
@@ -90,14 +94,24 @@ Hit RayScene::intersect(const Ray& ray) const {
   return filter.best;
 }
 
-bool RayScene::anyHit(const Ray& asked) const {
-  // As below.
-  Ray ray = asked;
-  ray.direction = nudged(asked.direction);
+bool RayScene::anyHit(Ray& ray, void* who, void (*fill)(void* who, Ray& ray)) const {
   HitFilter filter(this, &ray);
+  filter.fill = fill, filter.filler = who;
   RTCRay r = embreeRay(ray);
   rtcOccluded1(embree_->main.scene, &filter.rtc, &r);
   return r.tfar < 0 || filter.takeDip();
+}
+
+std::optional<LeavingRays> RayScene::leavingRays(cache::NodeId node) const {
+  LeavingRays leaving;
+  const uint32_t index = entryOf(node);
+  leaving.onSurface = index != cache::kNone || node < cache_->nodeCount();
+  if (index == cache::kNone) return leaving;
+  const SurfaceEntry& e = entries_[index];
+  if (cache_->skeleton().attributes()[e.attributes].bias >= 0) return std::nullopt;
+  leaving.lift = e.shadedDeviation;
+  if (e.deviation > 0) leaving.grazing = grazingCosine(e.deviation, e.cellSize);
+  return leaving;
 }
 
 Obstacle RayScene::obstacle(const Ray& asked) const {
@@ -155,9 +169,7 @@ void RayScene::leave(Ray& ray, cache::NodeId node, const Vec3& normal) const {
   ray.origin += std::max(d.lift, 0.125f * rounding) * up - 0.0625f * rounding * ray.direction;
   // In a hollow the facets stand over the surface, and a ray along it that starts under them could end
   // between them and the surface, which it would have hit. It starts from the facet.
-  if (!(d.deviation > 0) ||
-      std::abs(d.cosine) > std::max(kGrazing, kGrazingSagittas * d.deviation / d.cellSize))
-    return;
+  if (!(d.deviation > 0) || std::abs(d.cosine) > grazingCosine(d.deviation, d.cellSize)) return;
   Ray probe = ray;
   probe.direction = up;
   probe.origin = start - rounding * up;

@@ -9,12 +9,14 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "base/error.h"
 #include "scene_cache/cache.h"
 #include "scene_cache/solids.h"
 #include "tracer/entry_store.h"
+#include "tracer/ray_start_kernel.h"
 
 namespace fr::tracer {
 
@@ -159,8 +161,12 @@ class RayScene {
   /// Nearest hit that is not the departing surface, not behind a passed hit, not the back of a one-sided
   /// surface. Equal distances: the lowest (object, patch, cell).
   Hit closest(const Ray& ray) const;
-  /// Whether closest() would find a hit; something grazed within 2^-20 of the direction may count or not.
-  bool anyHit(const Ray& ray) const;
+  /// Whether the ray hits anything. Of rays that are aimed exactly at a vertex, one or two in a hundred may get
+  /// through: they should go a little beside it. `fill` is called with `who` before anything is asked of the ray
+  /// but its origin, direction, distances, time and mask.
+  bool anyHit(Ray& ray, void* who, void (*fill)(void* who, Ray& ray)) const;
+  /// What startRays() must know of the surface of a node. Nothing: its rays need a second look.
+  std::optional<LeavingRays> leavingRays(cache::NodeId node) const;
   /// What lies between the near and far distances of a shadow ray, in one traversal: something opaque, or
   /// only what must be asked for its opacity, or nothing.
   Obstacle obstacle(const Ray& ray) const;

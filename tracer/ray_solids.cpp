@@ -45,6 +45,7 @@ bool isSameCrossing(const Candidate& a, const Candidate& b, uint32_t groupA, con
 }  // namespace
 
 float SolidRays::firstTaken(HitFilter& filter, uint32_t tree, uint32_t mask, float near, float far) {
+  filter.wake();
   if (filter.probing) return kInfinity;  // what is surface of a tree is found out by crossings
   const RayScene& scene = *filter.scene;
   const Ray& ray = *filter.ray;

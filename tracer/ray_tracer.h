@@ -114,9 +114,11 @@ class AnswerThread {
   void readTerms(const RayTerms& terms, Level& at);
   float chanceOf(const AskedRay& asked) const;
   static AskedRay askedRay(const RayQuery& query, uint32_t k);
+  void fillRay(Ray& ray, const AskedRay& asked, uint32_t mask, const Level& at) const;
   bool startRay(Ray& ray, const AskedRay& asked, uint32_t mask, const Level& at);
   void startPath(PathRay& path, const AskedRay& asked, uint32_t mask, const Level& at);
   void readRays(const RayQuery& query, uint32_t first, Level& at, uint32_t mask);
+  void answerWhether(RayQuery& query, uint32_t count, uint32_t mask, const Level& at);
   void answerHitTests(RayQuery& query, uint32_t count, const Level& at);
   void runAt(RayKind kind, Level& at, size_t depth);
   void orderPaths(const Level& at, uint32_t* order) const;
