@@ -1,6 +1,7 @@
 // The four questions against closed forms, and what must not change an answer.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <random>
 
@@ -284,6 +285,44 @@ TEST(Answer, BatchesDoNotMatter) {
     testing::unshuffle(rays, shuffled);
     EXPECT_EQ(whole, shuffled);
   }
+}
+
+/// Rays of one patch in a row start eight at a time, the others one by one.
+TEST(Answer, WhetherIsTheSameForRaysInARowAndByThemselves) {
+  AnalyticScene s;
+  testing::addZoo(s);
+  Fixed t(s);
+  testing::RayList rays = testing::randomRays(*t.cache, 6000, 7);
+  const auto ask = [&](uint32_t flags, uint32_t batch) {
+    std::vector<float> distances(rays.size());
+    for (size_t first = 0; first < rays.size(); first += batch) {
+      RayQuery& q = *t.q;
+      q.terms = RayTerms{};
+      q.terms.flags = flags, q.terms.maxDistance = 20;
+      q.kind = RayKind::kHitTest, q.level = 1;
+      q.count = uint32_t(std::min<size_t>(batch, rays.size() - first));
+      for (uint32_t i = 0; i < q.count; ++i) setRay(q, i, rays[first + i]);
+      t.thread->answer(q);
+      for (uint32_t i = 0; i < q.count; ++i) distances[rays[first + i].index] = q.hitDistance[i];
+    }
+    return distances;
+  };
+  const auto single = ask(RayTerms::kOnlyWhether, 1);
+  std::sort(rays.begin(), rays.end(), [](const auto& a, const auto& b) { return a.node < b.node; });
+  const auto inARow = ask(RayTerms::kOnlyWhether, kMaxRays);
+  EXPECT_EQ(single, inARow);
+  testing::shuffle(rays);
+  EXPECT_EQ(single, ask(RayTerms::kOnlyWhether, 13));
+  // They go 2^-20 beside their aim.
+  const auto distances = ask(RayTerms::kOnlyDistance, kMaxRays);
+  size_t hits = 0, different = 0;
+  for (size_t i = 0; i < distances.size(); ++i) {
+    hits += distances[i] < kNoHit;
+    different += (distances[i] < kNoHit) != (single[i] < kNoHit);
+  }
+  EXPECT_GT(hits, 1000u);
+  EXPECT_LT(hits, 5500u);
+  EXPECT_LE(different, 3u);
 }
 
 TEST(Answer, OneRayIsAnsweredAsInABlock) {

@@ -1,5 +1,5 @@
-// rayhittest that only wants to know whether anything is hit, as occlusion does. Most of these rays meet nothing
-// that could be a hit, so what only hits ask of a ray is not worked out before one comes up.
+// rayhittest that only wants to know whether anything is hit, as occlusion does. Most of these rays meet
+// nothing that could be a hit, so what only hits ask of a ray is not worked out before one comes up.
 #include <algorithm>
 #include <array>
 #include <span>
@@ -60,8 +60,7 @@ void AnswerThread::answerWhether(RayQuery& query, uint32_t count, uint32_t mask,
     for (uint32_t k = first + 1; k < end; ++k) same &= q.node[k] == node;
     if (same && (!known || node != leavingNode))
       leaving = scene->leavingRays(node), leavingNode = node, known = true;
-    const uint32_t plain =
-        same && leaving ? kernels.startRays(asked, first, *leaving, started.columns()) : 0;
+    const uint32_t plain = same && leaving ? kernels.startRays(asked, first, *leaving, started.columns()) : 0;
     for (uint32_t k = first; k < end; ++k) {
       started.plain[k] = started.sane[k] = plain >> (k - first) & 1;
       started.near[k] = 0;
@@ -105,7 +104,8 @@ void AnswerThread::answerWhether(RayQuery& query, uint32_t count, uint32_t mask,
     if (!started.sane[k]) continue;
     counts_.intersections += 1;
     Ray ray;
-    for (int c = 0; c < 3; ++c) ray.origin[c] = started.origin[c][k], ray.direction[c] = started.direction[c][k];
+    for (int c = 0; c < 3; ++c)
+      ray.origin[c] = started.origin[c][k], ray.direction[c] = started.direction[c][k];
     const float time = q.time[k];
     ray.time = time >= 0 && time <= 1 ? time : time > 1 ? 1.0f : 0.0f;
     ray.nearDistance = started.near[k], ray.farDistance = farDistance, ray.mask = mask;

@@ -122,8 +122,8 @@ struct HitFilter {
   /// False: a facet without area, or of a grid that an instance lacks. `part`: that the hit is of.
   bool describe(const TracedPart& part, float t, const RTCHit& h, Candidate& c,
                 const RayScene::Instance* instance = nullptr) const {
-    uint32_t entryIndex = part.entryOf(h.geomID, h.primID);
     float gridU = h.u, gridV = h.v;
+    uint32_t entryIndex = part.entryOf(h.geomID, h.primID, gridU, gridV);
     if (entryIndex & TracedPart::kStitch) {
       const StitchQuad& s = part.stitches[entryIndex & ~TracedPart::kStitch];
       entryIndex = s.grid;
@@ -134,8 +134,8 @@ struct HitFilter {
       gridU = (w * s.i[a] + u * s.i[b] + v * s.i[c2]) / float(e.cellsU << e.level);
       gridV = (w * s.j[a] + u * s.j[b] + v * s.j[c2]) / float(e.cellsV << e.level);
     } else if (const SurfaceEntry& e = scene->entries_[entryIndex]; e.stitched) {
-      gridU = (e.inner[0] + h.u * float(e.inner[1] - e.inner[0])) / float(e.cellsU);
-      gridV = (e.inner[2] + h.v * float(e.inner[3] - e.inner[2])) / float(e.cellsV);
+      gridU = (e.inner[0] + gridU * float(e.inner[1] - e.inner[0])) / float(e.cellsU);
+      gridV = (e.inner[2] + gridV * float(e.inner[3] - e.inner[2])) / float(e.cellsV);
     }
     // What an instance shows lies in the prototype's grids as it does in the prototype.
     if (instance) entryIndex += instance->shift;

@@ -14,8 +14,14 @@ namespace {
 class PartBuilder {
  public:
   PartBuilder(RTCDevice device, const SceneCache& cache, std::vector<GatheredGrid>& grids,
-              uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts)
-      : device_(device), cache_(cache), grids_(grids), first_(firstEntry), part_(part), counts_(counts) {}
+              uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts, CellType type)
+      : device_(device),
+        cache_(cache),
+        grids_(grids),
+        first_(firstEntry),
+        part_(part),
+        counts_(counts),
+        type_(type) {}
 
   void build() {
     std::map<ClassKey, std::vector<uint32_t>> classes;
@@ -131,6 +137,7 @@ class PartBuilder {
   /// Hands the newest buffer of descriptors to Embree, over vertices `step` bytes apart.
   void addGrids(const ClassKey& key, const std::byte* vertices, uint64_t keyBytes, uint64_t step,
                 uint64_t vertexEnd) {
+    if (type_ == CellType::kQuads && key.keys == 1) return addQuads(key, vertices, step, vertexEnd);
     std::vector<uint32_t>& buffer = part_.descriptors.back();
     const size_t primitives = buffer.size() * sizeof(uint32_t) / sizeof(RTCGrid);
     buffer.resize(buffer.size() + 4);  // Embree may load past the last element
@@ -142,6 +149,40 @@ class PartBuilder {
                                  step, vertexEnd);
     rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, buffer.data(), 0, sizeof(RTCGrid),
                                primitives);
+    attachGeometry(g, key);
+  }
+
+  /// The same as quadrilaterals. What is split into which triangles, and what (u,v) are in a cell, are the
+  /// same.
+  void addQuads(const ClassKey& key, const std::byte* vertices, uint64_t step, uint64_t vertexEnd) {
+    std::vector<uint32_t>& buffer = part_.descriptors.back();
+    std::vector<uint32_t>& entryOf = part_.entryOfPrimitive.back();
+    std::vector<uint32_t> corners;
+    std::vector<TracedPart::Cell> cells;
+    for (size_t g = 0; g < entryOf.size(); ++g) {
+      std::array<uint32_t, sizeof(RTCGrid) / 4> words;
+      std::copy_n(&buffer[g * words.size()], words.size(), words.begin());
+      const auto grid = std::bit_cast<RTCGrid>(words);
+      const auto cellsU = uint16_t(grid.width - 1), cellsV = uint16_t(grid.height - 1);
+      for (uint16_t j = 0; j < cellsV; ++j)
+        for (uint16_t i = 0; i < cellsU; ++i) {
+          const uint32_t v = grid.startVertexID + j * grid.stride + i;
+          corners.insert(corners.end(), {v, v + 1, v + grid.stride + 1, v + grid.stride});
+          cells.push_back({entryOf[g], i, j, cellsU, cellsV});
+        }
+    }
+    buffer = std::move(corners);
+    buffer.resize(buffer.size() + 4);  // Embree may load past the last element
+    buffer.shrink_to_fit(), cells.shrink_to_fit();
+    const size_t geometry = part_.entryOfPrimitive.size();
+    part_.cells.resize(geometry);
+    part_.cells[geometry - 1] = std::move(cells);
+    entryOf.clear();
+
+    RTCGeometry g = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_QUAD);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, vertices, 0, step, vertexEnd);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, buffer.data(), 0,
+                               4 * sizeof(uint32_t), part_.cells[geometry - 1].size());
     attachGeometry(g, key);
   }
 
@@ -160,6 +201,7 @@ class PartBuilder {
   uint32_t first_;
   TracedPart& part_;
   RaySceneStatistics& counts_;
+  CellType type_;
 };
 
 }  // namespace
@@ -172,9 +214,9 @@ RTCScene newRayScene(RTCDevice device) {
 }
 
 void buildPart(RTCDevice device, const SceneCache& cache, std::vector<GatheredGrid>& grids,
-               uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts) {
+               uint32_t firstEntry, TracedPart& part, RaySceneStatistics& counts, CellType type) {
   part.scene = newRayScene(device);
-  PartBuilder(device, cache, grids, firstEntry, part, counts).build();
+  PartBuilder(device, cache, grids, firstEntry, part, counts, type).build();
 }
 
 }  // namespace fr::tracer

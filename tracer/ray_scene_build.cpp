@@ -354,7 +354,13 @@ class RaySceneBuilder {
 
   void makePart(Part& part, TracedPart& traced) {
     part.firstEntry = scene_->entries_.append(part.grids.size());
-    buildPart(scene_->embree_->device, cache_, part.grids, part.firstEntry, traced, scene_->statistics_);
+    double cells = 0;
+    for (const GatheredGrid& g : part.grids)
+      if (!g.key.meshlet && g.key.keys == 1) cells += double(g.entry.cellsU) * g.entry.cellsV;
+    const bool quads = quadCells_ + cells <= options_.quadCells;
+    if (quads) quadCells_ += cells;
+    buildPart(scene_->embree_->device, cache_, part.grids, part.firstEntry, traced, scene_->statistics_,
+              quads ? CellType::kQuads : CellType::kGrids);
     for (size_t i = 0; i < part.grids.size(); ++i)
       scene_->entries_[part.firstEntry + uint32_t(i)] = part.grids[i].entry;
   }
@@ -403,6 +409,7 @@ class RaySceneBuilder {
   int threads_ = 1;
   std::vector<ObjectFacts> facts_;     // by object
   std::vector<uint32_t> solidTreeOf_;  // by object
+  double quadCells_ = 0;               // of the parts that are quadrilaterals
   Part main_;
   std::vector<Part> solids_;                                               // by tree
   std::map<std::pair<std::vector<ObjectId>, int>, uint32_t> prototypeOf_;  // by objects and level

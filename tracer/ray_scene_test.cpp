@@ -22,12 +22,9 @@ struct Traced {
   std::unique_ptr<RayScene> scene;
 };
 
-Traced trace(AnalyticScene& s, float multiplier, int threads = 1) {
+Traced trace(AnalyticScene& s, RaySceneOptions o) {
   Traced t;
   t.cache = s.finish();
-  RaySceneOptions o;
-  o.patchMultiplier = multiplier;
-  o.threads = threads;
   const auto opaque = [&](cache::ObjectId id) {
     const auto& a = t.cache->skeleton().attributes()[t.cache->skeleton().objects()[id].attributes];
     return a.castsShadows == CastsShadows::kOpaque;
@@ -36,6 +33,12 @@ Traced trace(AnalyticScene& s, float multiplier, int threads = 1) {
   EXPECT_TRUE(r.ok());
   t.scene = std::move(r).value();
   return t;
+}
+Traced trace(AnalyticScene& s, float multiplier, int threads = 1) {
+  RaySceneOptions o;
+  o.patchMultiplier = multiplier;
+  o.threads = threads;
+  return trace(s, o);
 }
 
 Ray makeRay(const Vec3& origin, const Vec3& direction, uint32_t mask = kReflectionRay) {
@@ -448,6 +451,44 @@ TEST(RayScene, PatchMultiplierChoosesTheStride) {
     EXPECT_EQ(t.scene->entry(0).level, level) << multiplier;
     EXPECT_EQ(t.scene->entry(0).cellsU, 16 >> level);
   }
+}
+
+TEST(RayScene, QuadrilateralsAreHitWhereGridsAre) {
+  const auto build = [](double quadCells) {
+    AnalyticScene s;
+    s.add({.center = {0, 0, 3}, .radius = 2, .patchesU = 4, .patchesV = 4});
+    s.add({.kind = AnalyticShape::kTorus,
+           .center = {3, 0, 0},
+           .radius = 1,
+           .tube = 0.4f,
+           .patchesU = 3,
+           .patchesV = 5});
+    s.add({.kind = AnalyticShape::kPlane, .center = {0, 0, -2}, .axisU = {5, 0, 0}, .axisV = {0, 5, 0}});
+    s.add({.center = {-3, 1, 0}, .radius = 1, .patchesU = 2, .patchesV = 1}, {.patchMultiplier = 1});
+    RaySceneOptions o;
+    o.quadCells = quadCells;
+    return trace(s, o);
+  };
+  const Traced grids = build(0), quads = build(1e6);
+  EXPECT_EQ(grids.scene->statistics().quads, quads.scene->statistics().quads);
+  EXPECT_GT(quads.scene->statistics().embreeBytes, 2 * grids.scene->statistics().embreeBytes);
+  Random random;
+  int hits = 0, otherCells = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const Ray ray = makeRay(5.0f * Vec3(random(-1), random(-1), random(-1)), random.onSphere());
+    const Hit a = grids.scene->closest(ray), b = quads.scene->closest(ray);
+    ASSERT_EQ(a.any(), b.any()) << i;
+    if (!a.any()) continue;
+    ++hits;
+    // Places in a grid are rounded once more or less: a hundred millionth of it.
+    ASSERT_EQ(a.entry, b.entry) << i;
+    EXPECT_EQ(a.distance, b.distance);
+    EXPECT_NEAR(a.u, b.u, 1e-6f), EXPECT_NEAR(a.v, b.v, 1e-6f);
+    EXPECT_EQ(a.normal, b.normal);
+    otherCells += a.cell != b.cell;
+  }
+  EXPECT_GT(hits, 5000);
+  EXPECT_LE(otherCells, 3);
 }
 
 TEST(RayScene, AnEmptySceneIsHitByNothing) {

@@ -1,5 +1,5 @@
-// Rays that leave one surface, eight at a time: what AnswerThread::startRay() and RayScene::leave() do of those
-// that need no second look, to the same bits. Internal to tracer/.
+// Rays that leave one surface, eight at a time: what AnswerThread::startRay() and RayScene::leave() do of
+// those that need no second look, to the same bits. Internal to tracer/.
 #pragma once
 
 #include <cstdint>
@@ -41,11 +41,11 @@ struct RayStartKernels {
 /// For this machine.
 RayStartKernels rayStartKernels();
 
-#define FR_RAY_START_KERNELS(isa)                                                         \
-  namespace isa {                                                                         \
+#define FR_RAY_START_KERNELS(isa)                                                           \
+  namespace isa {                                                                           \
   uint32_t startRays(const AskedColumns& asked, uint32_t first, const LeavingRays& leaving, \
-                     const StartedColumns& started);                                      \
-  void nudgeRays(const StartedColumns& started, uint32_t first);                          \
+                     const StartedColumns& started);                                        \
+  void nudgeRays(const StartedColumns& started, uint32_t first);                            \
   }
 FR_RAY_START_KERNELS(sse4)
 FR_RAY_START_KERNELS(avx2)

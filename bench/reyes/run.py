@@ -4,6 +4,10 @@ the threads' time, and millions of micropolygons (diced, tested against samples)
 
     bench/reyes/run.py --program build/release/bin/frankenrender [--threads 1,2] [--repeats 3] [scene ...]
 
+A run with n threads has n processors to itself: the ray tracer is another process, with n threads of its own, which would otherwise
+make use of what the renderer leaves idle, so that one thread would not be compared with two but with one and a half. --anywhere leaves
+processors to the system.
+
 Peak memory is of frankenrender and its ray tracer together, resident pages counted once a process (an upper bound)."""
 
 import argparse
@@ -19,10 +23,16 @@ import time
 import scenes
 
 
-def run(program, rib, folder, threads):
+def processors(count):
+    """As many of those that this process may use."""
+    return sorted(os.sched_getaffinity(0))[:count]
+
+
+def run(program, rib, folder, threads, pinned):
+    pin = (lambda: os.sched_setaffinity(0, processors(threads))) if pinned else None
     started = time.monotonic()
     done = subprocess.run([program, '--stats', '--no-progress', '--threads', str(threads), rib], cwd=folder,
-                          capture_output=True, text=True)
+                          capture_output=True, text=True, preexec_fn=pin)
     seconds = time.monotonic() - started
     if done.returncode != 0:
         sys.exit(f'{rib}: exit status {done.returncode}\n{done.stderr}')
@@ -54,6 +64,7 @@ def main():
     parser.add_argument('--program', default='build/release/bin/frankenrender')
     parser.add_argument('--threads', type=lambda s: [int(n) for n in s.split(',')], default=[os.cpu_count()],
                         help='numbers of threads, with commas between them')
+    parser.add_argument('--anywhere', action='store_true', help='do not keep a run to as many processors as it has threads')
     parser.add_argument('--repeats', type=int, default=1)
     parser.add_argument('--json', help='write all figures to this file')
     parser.add_argument('--keep', help='write the scenes to this folder, and leave them there')
@@ -74,7 +85,7 @@ def main():
         for name in arguments.scenes or scenes.SCENES:
             (folder / f'{name}.rib').write_text(scenes.SCENES[name]())
             for threads in arguments.threads:
-                best, report = min((run(program, f'{name}.rib', folder, threads) for _ in range(arguments.repeats)),
+                best, report = min((run(program, f'{name}.rib', folder, threads, not arguments.anywhere) for _ in range(arguments.repeats)),
                                    key=lambda r: r[0])
                 row = {'scene': name, 'threads': threads, 'seconds': round(best, 3),
                        'MiB': number(r'both \(PSS\)\s+([\d.]+)', report) or number(r'REYES process\s+PSS ([\d.]+)', report),
