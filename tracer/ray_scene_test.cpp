@@ -483,7 +483,8 @@ TEST(RayScene, QuadrilateralsAreHitWhereGridsAre) {
     // Places in a grid are rounded once more or less: a hundred millionth of it.
     ASSERT_EQ(a.entry, b.entry) << i;
     EXPECT_EQ(a.distance, b.distance);
-    EXPECT_NEAR(a.u, b.u, 1e-6f), EXPECT_NEAR(a.v, b.v, 1e-6f);
+    EXPECT_NEAR(a.u, b.u, 1e-6f);
+    EXPECT_NEAR(a.v, b.v, 1e-6f);
     EXPECT_EQ(a.normal, b.normal);
     otherCells += a.cell != b.cell;
   }
