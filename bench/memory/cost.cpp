@@ -196,6 +196,7 @@ MemoryCost memoryCost(const std::string& rib, float patchMultiplier) {
   tracer::RaySceneOptions options;
   options.patchMultiplier = patchMultiplier;
   options.cameraRays = true;
+  options.quadCells = 0;  // the bytes of large scenes are asked for
   auto rays = tracer::RayScene::build(
       *d.cache, [](cache::ObjectId) { return true; }, options);
   if (!rays) stop(rays.error());
