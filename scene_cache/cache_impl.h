@@ -90,8 +90,8 @@ struct SceneCache::Impl {
   /// False: no room.
   bool addRootNodes(const Skeleton& skeleton);
   /// Offsets; 0: no room.
-  /// Room for the record of a grid of so many levels and so many bytes behind it, which start at a multiple of
-  /// positionAlign(levels): offset of the record, 0 when there is none.
+  /// Room for the record of a grid of so many levels and so many bytes behind it, which start at a multiple
+  /// of positionAlign(levels): offset of the record, 0 when there is none.
   uint64_t allocateGrid(uint32_t levels, uint64_t bytesBehind);
   uint64_t allocateChildren();
   /// Threads go on with fresh chunks. While nobody dices.

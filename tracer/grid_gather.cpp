@@ -73,8 +73,8 @@ bool checkGrid(const SceneCache& cache, NodeId id, ObjectId object, const Object
                       keyBytes <= arenaBytes && (g.keyCount == 1 || keyBytes >= vertices * 12);
   const uint64_t bytes =
       keysOk && shapeOk ? keyBytes * (g.keyCount - 1u) + vertices * 12 + kVertexOverread : 0;
-  const bool placeOk =
-      g.positions % positionAlign(std::clamp<uint32_t>(g.levels, 1, kLevels)) == 0 && bytes <= arenaBytes && g.positions <= arenaBytes - bytes;
+  const bool placeOk = g.positions % positionAlign(std::clamp<uint32_t>(g.levels, 1, kLevels)) == 0 &&
+                       bytes <= arenaBytes && g.positions <= arenaBytes - bytes;
   const bool indicesOk =
       !meshlet || (g.indices != 0 && g.indices <= arenaBytes && g.nv * uint64_t(3) <= arenaBytes - g.indices);
   if (!(shapeOk && keysOk && placeOk && indicesOk)) {
