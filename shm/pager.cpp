@@ -182,20 +182,17 @@ struct Pager::State {
     const uint64_t excess = sum - limit + budget / 64;
     const uint64_t files = own.files + peer.files;
     // What is read again and again needs room as well as what was built from it: below a fair part of the
-    // budget pages stay, and private memory has to go. Where there is none that can, or it does not go in
-    // time, pages do.
+    // budget pages stay, and private memory has to go. That takes time: when it is pressing, pages go first.
     const uint64_t fair = std::max(2 * floor, budget / kFairPart);
-    uint64_t fromFiles = std::min(excess, files - std::min(files, fair));
-    if (fromFiles < excess && hooks.giveBack) {
-      const uint64_t wanted = excess - fromFiles;
-      asked.fetch_add(wanted, std::memory_order_relaxed);
-      fromFiles += wanted - std::min(wanted, hooks.giveBack(wanted));
-    } else if (sum > limit + margin / 2) {
-      fromFiles = excess;
-    }
+    const uint64_t spare = std::min(excess, files - std::min(files, fair));
+    const uint64_t fromFiles = sum > limit + margin / 2 ? excess : spare;
     const uint64_t share = files > 0 ? uint64_t(double(fromFiles) * double(own.files) / double(files)) : 0;
     if (own.files > floor)
       sumThen -= std::min(sumThen, letPagesGo(own.files, std::min(share, own.files - floor)));
+    if (spare < excess && hooks.giveBack) {
+      asked.fetch_add(excess - spare, std::memory_order_relaxed);
+      if (hooks.giveBack(excess - spare) >= excess - spare) return;
+    }
     if (sum - std::min(sum, files) > budget && !warned) {
       warned = true;
       reportWarning(RiError::kNoMem,
