@@ -10,8 +10,7 @@
 #include <string>
 #include <type_traits>
 
-#include "shm/pager.h"
-#include "shm/segment.h"
+#include "shm/paged_segment.h"
 
 namespace fr::cache {
 
@@ -41,7 +40,7 @@ class GrowingTable {
       auto made = scratch_->empty() ? shm::Segment::createAnonymous(options, kStep)
                                     : shm::Segment::createScratch(*scratch_, options, kStep);
       if (!made) return std::move(made).error();
-      store_ = std::make_unique<Store>(*std::move(made));
+      store_ = std::make_unique<shm::PagedSegment>(*std::move(made));
     }
     shm::Segment& s = store_->segment;
     const size_t bytes = (size_ + records.size()) * sizeof(T);
@@ -61,17 +60,10 @@ class GrowingTable {
 
  private:
   static constexpr uint64_t kReserve = uint64_t(1) << 40, kStep = uint64_t(64) << 10;
-  struct Store {
-    explicit Store(shm::Segment s)
-        : segment(std::move(s)),
-          paged({segment.data(), [this] { return segment.size(); }, segment.descriptor(), 0}) {}
-    shm::Segment segment;
-    shm::PagedMapping paged;  // ends before the mapping does
-  };
   T* data() const { return store_ ? reinterpret_cast<T*>(store_->segment.data()) : nullptr; }
 
   const std::string* scratch_;
-  std::unique_ptr<Store> store_;
+  std::unique_ptr<shm::PagedSegment> store_;
   size_t size_ = 0;
 };
 

@@ -10,8 +10,7 @@
 #include <type_traits>
 
 #include "base/error.h"
-#include "shm/pager.h"
-#include "shm/segment.h"
+#include "shm/paged_segment.h"
 
 namespace fr::tracer {
 
@@ -36,7 +35,7 @@ class EntryStore {
     auto made = scratch.empty() ? shm::Segment::createAnonymous(options, kStep)
                                 : shm::Segment::createScratch(scratch, options, kStep);
     if (!made) return std::move(made).error();
-    store_ = std::make_unique<Store>(*std::move(made));
+    store_ = std::make_unique<shm::PagedSegment>(*std::move(made));
     entries_ = reinterpret_cast<Entry*>(store_->segment.data());
     return {};
   }
@@ -69,14 +68,7 @@ class EntryStore {
 
  private:
   static constexpr uint64_t kStep = uint64_t(64) << 10;
-  struct Store {
-    explicit Store(shm::Segment s)
-        : segment(std::move(s)),
-          paged({segment.data(), [this] { return segment.size(); }, segment.descriptor(), 0}) {}
-    shm::Segment segment;
-    shm::PagedMapping paged;  // ends before the mapping does
-  };
-  std::unique_ptr<Store> store_;
+  std::unique_ptr<shm::PagedSegment> store_;
   Entry* entries_ = nullptr;
   std::atomic<uint32_t> size_{0};
   std::mutex mutex_;  // append()
